@@ -1,0 +1,324 @@
+"""The kinds of value a case file is made of: how each is read, what is allowed, how it is written back."""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from numbers import Integral
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydantic_core import core_schema
+
+from fvswell.case_errors import nearest_name, shown
+from fvswell.tissue import Array
+from fvswell.units import DIMENSIONS, NUMBER, PLAIN_NUMBER, parse
+
+__all__ = [
+    "Choice",
+    "Coordinates",
+    "Count",
+    "DepthProfile",
+    "Duration",
+    "Load",
+    "Name",
+    "Quantity",
+    "Ramp",
+    "RelaxationTimes",
+    "Text",
+    "Times",
+    "ValueType",
+    "final_value",
+]
+
+Coordinates = Mapping[str, Array]  # of the points, by name: "depth", mm
+
+
+@dataclass(frozen=True)
+class DepthProfile:
+    """A quantity that varies with depth: linear between the knots, constant outside them.
+
+    Every kind of profile has ``at``; a new kind takes other coordinates.
+    """
+
+    depth: tuple[float, ...]  # mm from the filter, in the stress-free solid
+    value: tuple[float, ...]
+
+    def at(self, coordinates: Coordinates) -> Array:
+        """Values at the points, shape of ``coordinates["depth"]``."""
+        return np.interp(coordinates["depth"], self.depth, self.value)
+
+
+class Ramp(NamedTuple):
+    """A linear change from the present value to ``ramp_to`` within ``over`` seconds of the phase's start."""
+
+    ramp_to: float
+    over: float
+
+
+class RelaxationTimes(NamedTuple):
+    """A duration told in relaxation times of the biphasic-swelling model."""
+
+    multiple: float
+
+    def __str__(self) -> str:
+        return f"{self.multiple!r} relaxation times"
+
+
+def final_value(load: float | Ramp) -> float:
+    """The value that a step or a ramp ends with."""
+    return load.ramp_to if isinstance(load, Ramp) else load
+
+
+class ValueType(ABC):
+    """Reads one kind of value; used as an annotation in the tables of the schema.
+
+    ``read`` raises ValueError with a message that completes "the value ...".
+    """
+
+    @property
+    def unit(self) -> str:
+        """Internal unit, "" for values without one."""
+        return ""
+
+    @property
+    @abstractmethod
+    def allowed(self) -> str:
+        """What a right value is, in a few words."""
+
+    @abstractmethod
+    def read(self, value: Any) -> Any:
+        """The value in internal units."""
+
+    def plain(self, value: Any) -> Any:
+        """The value as TOML can hold it; ``read`` gives it back."""
+        return value
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            self.read, serialization=core_schema.plain_serializer_function_ser_schema(self.plain)
+        )
+
+
+@dataclass(frozen=True)
+class Text(ValueType):
+    """A text that is not empty."""
+
+    @property
+    def allowed(self) -> str:
+        return "a text"
+
+    def read(self, value: Any) -> str:
+        if not isinstance(value, str) or not value.strip():
+            raise ValueError(f"must be {self.allowed} and not empty")
+        return value
+
+
+@dataclass(frozen=True)
+class Name(ValueType):
+    """A name that can stand in a dotted key."""
+
+    @property
+    def allowed(self) -> str:
+        return "a name of letters, digits, spaces, - and _, beginning with a letter"
+
+    def read(self, value: Any) -> str:
+        if not isinstance(value, str) or not re.fullmatch(r"[^\W\d_][\w -]*", value):
+            raise ValueError(f"must be {self.allowed}")
+        return value
+
+
+@dataclass(frozen=True)
+class Choice(ValueType):
+    """One of some names."""
+
+    names: tuple[str, ...]
+
+    @property
+    def allowed(self) -> str:
+        return ", ".join(f'"{name}"' for name in self.names)
+
+    def read(self, value: Any) -> str:
+        if isinstance(value, str) and value in self.names:
+            return value
+        near = nearest_name(value, self.names)
+        raise ValueError(f"must be one of {self.allowed}" + (f'; did you mean "{near}"?' if near else ""))
+
+
+@dataclass(frozen=True)
+class Count(ValueType):
+    """A whole number."""
+
+    at_least: int
+
+    @property
+    def allowed(self) -> str:
+        return f"a whole number, at least {self.at_least}"
+
+    def read(self, value: Any) -> int:
+        if isinstance(value, bool) or not isinstance(value, Integral) or value < self.at_least:
+            raise ValueError(f"must be {self.allowed}")
+        return int(value)
+
+
+@dataclass(frozen=True)
+class Quantity(ValueType):
+    """A number with a dimension, within bounds; with ``varying`` it may be a profile as well."""
+
+    dimension: str = PLAIN_NUMBER
+    above: float | None = None
+    at_least: float | None = None
+    below: float | None = None
+    at_most: float | None = None
+    varying: bool = False
+
+    @property
+    def unit(self) -> str:
+        return DIMENSIONS[self.dimension].unit
+
+    @property
+    def allowed(self) -> str:
+        bounds = {"above": self.above, "at least": self.at_least, "below": self.below, "at most": self.at_most}
+        return " and ".join(f"{name} {bound:g}" for name, bound in bounds.items() if bound is not None) or "any"
+
+    def read(self, value: Any) -> float | DepthProfile:
+        if isinstance(value, Mapping):
+            if not self.varying:
+                raise ValueError("must be one quantity: it cannot vary")
+            return _read_depth_profile(value, self._number)
+        return self._number(value)
+
+    def plain(self, value: float | DepthProfile) -> Any:
+        if isinstance(value, DepthProfile):
+            return {"depth": list(value.depth), "value": list(value.value)}
+        return value
+
+    def _number(self, value: Any) -> float:
+        number = parse(value, self.dimension)
+        if (
+            (self.above is not None and not number > self.above)
+            or (self.at_least is not None and not number >= self.at_least)
+            or (self.below is not None and not number < self.below)
+            or (self.at_most is not None and not number <= self.at_most)
+        ):
+            raise ValueError(f"must be {self.allowed}" + (f" {self.unit}" if self.unit else ""))
+        return number
+
+
+@dataclass(frozen=True)
+class Load(ValueType):
+    """A quantity that steps to a value when a phase starts, or goes there along a ramp."""
+
+    quantity: Quantity
+
+    @property
+    def unit(self) -> str:
+        return self.quantity.unit
+
+    @property
+    def allowed(self) -> str:
+        return f"{self.quantity.allowed}; or {{ramp_to = ..., over = ...}}"
+
+    def read(self, value: Any) -> float | Ramp:
+        if not isinstance(value, Mapping):
+            return self.quantity._number(value)
+        readers = {"ramp_to": self.quantity._number, "over": Quantity("time", above=0.0)._number}
+        return Ramp(**_read_table(value, readers))
+
+    def plain(self, value: float | Ramp) -> Any:
+        return value._asdict() if isinstance(value, Ramp) else value
+
+
+@dataclass(frozen=True)
+class Duration(ValueType):
+    """A time, or a multiple of the relaxation time."""
+
+    @property
+    def unit(self) -> str:
+        return DIMENSIONS["time"].unit
+
+    @property
+    def allowed(self) -> str:
+        return 'above 0; or "1.5 relaxation times"'
+
+    def read(self, value: Any) -> float | RelaxationTimes:
+        positive = Quantity("time", above=0.0)
+        match = re.fullmatch(rf"\s*({NUMBER})\s+relaxation\s+times?\s*", value) if isinstance(value, str) else None
+        if match is None:
+            return positive._number(value)
+        return RelaxationTimes(Quantity(above=0.0)._number(float(match[1])))
+
+    def plain(self, value: float | RelaxationTimes) -> Any:
+        return str(value) if isinstance(value, RelaxationTimes) else value
+
+
+@dataclass(frozen=True)
+class Times(ValueType):
+    """An increasing list of times."""
+
+    @property
+    def unit(self) -> str:
+        return DIMENSIONS["time"].unit
+
+    @property
+    def allowed(self) -> str:
+        return "a list that increases from 0 or more"
+
+    def read(self, value: Any) -> tuple[float, ...]:
+        return _read_increasing(value, Quantity("time", at_least=0.0)._number)
+
+    def plain(self, value: tuple[float, ...]) -> list[float]:
+        return list(value)
+
+
+def _read_depth_profile(value: Mapping[str, Any], read_number: Callable[[Any], float]) -> DepthProfile:
+    readers = {
+        "depth": lambda item: _read_increasing(item, Quantity("length", at_least=0.0)._number),
+        "value": lambda item: _read_list(item, read_number),
+    }
+    profile = DepthProfile(**_read_table(value, readers))
+    if len(profile.depth) != len(profile.value):
+        raise ValueError(f"has {len(profile.depth)} depths and {len(profile.value)} values: must be as many of each")
+    return profile
+
+
+def _read_table(table: Mapping[str, Any], readers: Mapping[str, Callable[[Any], Any]]) -> dict[str, Any]:
+    """Read the items of an inline table, all of which are required, and tell all that is wrong at once."""
+    problems = [f"{key}: missing" for key in readers if key not in table]
+    items = {}
+    for key, value in table.items():
+        if key not in readers:
+            near = nearest_name(key, readers)
+            hint = f"did you mean {near}?" if near else f"allowed are {', '.join(readers)}"
+            problems.append(f"{key}: unknown key; {hint}")
+            continue
+        try:
+            items[key] = readers[key](value)
+        except ValueError as error:
+            problems.append(f"{key}: {error}")
+    if problems:
+        raise ValueError("; ".join(problems))
+    return items
+
+
+def _read_list(value: Any, read_number: Callable[[Any], float]) -> tuple[float, ...]:
+    if not isinstance(value, list | tuple) or not value:
+        raise ValueError("must be a list and not empty")
+    numbers, problems = [], []
+    for index, item in enumerate(value):
+        try:
+            numbers.append(read_number(item))
+        except ValueError as error:
+            problems.append(f"[{index}] = {shown(item)}: {error}")
+    if problems:
+        raise ValueError("; ".join(problems))
+    return tuple(numbers)
+
+
+def _read_increasing(value: Any, read_number: Callable[[Any], float]) -> tuple[float, ...]:
+    numbers = _read_list(value, read_number)
+    if any(right <= left for left, right in zip(numbers, numbers[1:], strict=False)):
+        raise ValueError("must increase from one entry to the next")
+    return numbers

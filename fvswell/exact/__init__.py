@@ -1,0 +1,1 @@
+"""Exact solutions: what the numerical ones are tested against, and the basis of the predictor."""

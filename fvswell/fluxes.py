@@ -1,0 +1,110 @@
+"""Fluxes of water and ions relative to the solid, in the friction form of Huyghe & Janssen (1997).
+
+Local functions of the state at a point and of the gradients of the three potentials there; gradients are current
+gradients along the face normal and fluxes are per current area. With w = 1 - r and g+- = grad ln c~ +- grad psi~
+(psi~ standing for F psi~/(R T)):
+
+    water   q  = -k [ grad mu_f + w R T (c+ g+ + c- g-) ]
+    cation  j+ = w c+ q - n_f D+ c+ g+
+    anion   j- = w c- q - n_f D- c- g-
+
+which is Wilson et al. (2005), Appendix B, for ions without volume. All functions accept complex numbers.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from fvswell.electrochemistry import fluid_fraction, ion_concentrations
+from fvswell.permeability import hydraulic_permeability
+from fvswell.tissue import Array, Tissue
+
+__all__ = ["IonFluxParts", "MixtureFluxes", "darcy_flux", "ion_flux_parts", "mixture_fluxes"]
+
+
+class MixtureFluxes(NamedTuple):
+    """Water flux in mm/s, ion fluxes in mmol/(mm2 s)."""
+
+    water: Array
+    cation: Array
+    anion: Array
+
+
+class IonFluxParts(NamedTuple):
+    """The three parts of an ion flux, mmol/(mm2 s); they add up to the flux."""
+
+    convection: Array
+    diffusion: Array
+    migration: Array
+
+
+def darcy_flux(permeability: Array, water_potential_gradient: Array) -> Array:
+    """q = -k grad mu_f, mm/s."""
+    return -permeability * water_potential_gradient
+
+
+def mixture_fluxes(
+    tissue: Tissue,
+    J: Array,
+    log_concentration: Array,
+    water_potential_gradient: Array,
+    log_concentration_gradient: Array,
+    potential_gradient: Array,
+) -> MixtureFluxes:
+    """Fluxes of water, cation and anion; the equations are at the head of this module.
+
+    Parameters
+    ----------
+    tissue
+        Properties at the points.
+    J, log_concentration
+        Volume ratio and ln of the virtual concentration (mmol/mm3) at the points.
+    water_potential_gradient, log_concentration_gradient, potential_gradient
+        Gradients of mu_f (MPa/mm), ln c~ and F psi~/(R T) (1/mm). Everything broadcasts to one shape.
+    """
+    cation, anion = ion_concentrations(tissue, J, log_concentration)
+    cation_drive = cation * (log_concentration_gradient + potential_gradient)
+    anion_drive = anion * (log_concentration_gradient - potential_gradient)
+    w, n_f = tissue.convection_factor, fluid_fraction(tissue, J)
+    water = darcy_flux(
+        hydraulic_permeability(tissue, J),
+        water_potential_gradient + w * tissue.thermal_energy * (cation_drive + anion_drive),
+    )
+    dragged = w * water
+    return MixtureFluxes(
+        water=water,
+        cation=cation * dragged - n_f * tissue.cation_diffusivity * cation_drive,
+        anion=anion * dragged - n_f * tissue.anion_diffusivity * anion_drive,
+    )
+
+
+def ion_flux_parts(
+    tissue: Tissue,
+    J: Array,
+    concentration: Array,
+    diffusivity: Array,
+    water_flux: Array,
+    concentration_gradient: Array,
+    potential_energy_gradient: Array,
+) -> IonFluxParts:
+    """Convection, diffusion and migration of one ion, told in the concentrations found in the tissue.
+
+    Parameters
+    ----------
+    tissue
+        Properties at the points.
+    J, concentration, diffusivity
+        Volume ratio, concentration (mmol per mm3 of fluid) and free diffusivity (mm2/s) of the ion.
+    water_flux
+        q in mm/s.
+    concentration_gradient
+        grad c of the ion, mmol/mm4.
+    potential_energy_gradient
+        z F grad xi/(R T), 1/mm, with xi the electric potential in the tissue and z = +-1.
+    """
+    mobility = fluid_fraction(tissue, J) * diffusivity
+    return IonFluxParts(
+        convection=tissue.convection_factor * concentration * water_flux,
+        diffusion=-mobility * concentration_gradient,
+        migration=-mobility * concentration * potential_energy_gradient,
+    )

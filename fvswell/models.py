@@ -1,0 +1,112 @@
+"""The three models: one set of equations, three declarations of what is transported and what makes it swell.
+
+A `Mixture` is a model applied to a tissue. It offers what the balance laws need as local functions: the potentials
+that drive the fluxes, the contents that are conserved, and the fluxes themselves. Unknowns, potentials, contents
+and fluxes are stacked along the first axis, one entry for each balance:
+
+    balance   unknown                  potential         content (per reference volume)   flux
+    volume    J or mu_f                mu_f              J                                q
+    anion     ln c~                    ln c~             J n_f c-                         j-
+    charge    psi~ (as F psi~/(R T))   psi~              none                             i/F = j+ - j-
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fvswell.electrochemistry import bath_osmotic_pressure, fluid_fraction, ion_concentrations, osmotic_pressure
+from fvswell.fluxes import darcy_flux, mixture_fluxes
+from fvswell.permeability import hydraulic_permeability, open_circuit_permeability
+from fvswell.tissue import Array, Tissue
+
+__all__ = ["BIPHASIC", "BIPHASIC_SWELLING", "ELECTROCHEMICAL", "MODELS", "Mixture", "Model"]
+
+
+@dataclass(frozen=True)
+class Model:
+    """What a model transports, whether fixed charge makes it swell, and its permeability."""
+
+    name: str
+    balances: tuple[str, ...]
+    swelling: bool
+    open_circuit: bool  # water meets the streaming potential through its permeability alone
+
+    @property
+    def transports_ions(self) -> bool:
+        """Whether ions diffuse, migrate and are dragged, or are always in equilibrium with the bath."""
+        return "anion" in self.balances
+
+
+BIPHASIC = Model("biphasic", balances=("volume",), swelling=False, open_circuit=False)
+BIPHASIC_SWELLING = Model("biphasic-swelling", balances=("volume",), swelling=True, open_circuit=True)
+ELECTROCHEMICAL = Model(
+    "electrochemical", balances=("volume", "anion", "charge"), swelling=True, open_circuit=False
+)
+MODELS = {model.name: model for model in (BIPHASIC, BIPHASIC_SWELLING, ELECTROCHEMICAL)}
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """A model of a tissue at points: local functions, arrays of shape ``(rows, points)`` or broadcasting to it."""
+
+    model: Model
+    tissue: Tissue
+    bath_osmotic_coefficient: Array
+    open_circuit_ratio: Array | None = None  # k_open/k held constant; None evaluates it with the state
+
+    def rows(self, index: Array) -> Mixture:
+        """The mixture of a subset of the rows."""
+
+        def part(value: Array) -> Array:
+            return value[index] if value.shape[0] > 1 else value
+
+        ratio = self.open_circuit_ratio
+        return replace(
+            self,
+            tissue=self.tissue.rows(index),
+            bath_osmotic_coefficient=part(self.bath_osmotic_coefficient),
+            open_circuit_ratio=None if ratio is None else part(ratio),
+        )
+
+    def bath_potentials(self, bath_concentration: Array) -> Array:
+        """(mu_f, ln c~, psi~) of the grounded bath: the values at a filter."""
+        if not self.model.swelling:
+            return np.zeros((1, *np.shape(bath_concentration)))
+        water = -bath_osmotic_pressure(
+            self.bath_osmotic_coefficient, self.tissue.thermal_energy, bath_concentration
+        )
+        if not self.model.transports_ions:
+            return water[None]
+        return np.stack(np.broadcast_arrays(water, np.log(bath_concentration), 0.0 * water))
+
+    def osmotic_pressure(self, J: Array, log_concentration: Array) -> Array | float:
+        """pi, MPa; zero without swelling."""
+        if not self.model.swelling:
+            return 0.0
+        return osmotic_pressure(self.tissue, *ion_concentrations(self.tissue, J, log_concentration))
+
+    def contents(self, J: Array, log_concentration: Array) -> Array:
+        """What each balance conserves, per reference volume: (J, J n_f c-, 0)."""
+        if not self.model.transports_ions:
+            return J[None]
+        _, anion = ion_concentrations(self.tissue, J, log_concentration)
+        salt = J * fluid_fraction(self.tissue, J) * anion
+        return np.stack([J, salt, np.zeros_like(J)])
+
+    def permeability(self, J: Array, log_concentration: Array) -> Array:
+        """Permeability in Darcy's law of this model, mm4/(N s)."""
+        if self.model.open_circuit and self.open_circuit_ratio is None:
+            return open_circuit_permeability(
+                self.tissue, J, *ion_concentrations(self.tissue, J, log_concentration)
+            )
+        k = hydraulic_permeability(self.tissue, J)
+        return k * self.open_circuit_ratio if self.model.open_circuit else k
+
+    def fluxes(self, J: Array, log_concentration: Array, gradients: Array) -> Array:
+        """(q, j-, j+ - j-) per current area, from the state at a face and the normal gradients of the potentials."""
+        if not self.model.transports_ions:
+            return darcy_flux(self.permeability(J, log_concentration), gradients[0])[None]
+        flux = mixture_fluxes(self.tissue, J, log_concentration, *gradients)
+        return np.stack([flux.water, flux.anion, flux.cation - flux.anion])

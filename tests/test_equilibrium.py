@@ -1,0 +1,92 @@
+"""Equilibrium with the bath: numbers worked out beforehand, balance of forces, loads nothing can carry."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tissues import REFERENCE_BATH, random_tissue, reference_tissue
+
+from fvswell.equilibrium import (
+    equilibrium_volume_ratio,
+    isotropic_equilibrium_volume_ratio,
+    osmotic_pressure_difference,
+)
+from fvswell.solid import SOLIDS, aggregate_modulus, bulk_modulus, uniaxial_stress
+
+BATHS = np.array([[1.5e-4, 1e-4, 5e-5]])
+# the numbers below were worked out with R = 8.3145 N mm/(mmol K)
+COMPARABLE = {"temperature": 298.0 * 8.3145 / 8.314462618}
+
+
+def test_free_swelling_in_one_direction() -> None:
+    J = equilibrium_volume_ratio(reference_tissue(**COMPARABLE), 0.0, BATHS, 0.93, swelling=True)
+    np.testing.assert_allclose(J, [[1.054503, 1.127643, 1.236596]], atol=1e-6, rtol=0)
+
+
+def test_equal_osmotic_coefficients() -> None:
+    tissue = reference_tissue(osmotic_coefficient=1.0, **COMPARABLE)
+    assert equilibrium_volume_ratio(tissue, 0.0, 1.5e-4, 1.0, swelling=True).item() == pytest.approx(
+        1.166001, abs=1e-6
+    )
+
+
+@pytest.mark.parametrize(("swelling", "expected"), [(True, 0.822614), (False, 0.682746)])
+def test_compressed(swelling: bool, expected: float) -> None:
+    tissue = reference_tissue(**COMPARABLE)
+    J = equilibrium_volume_ratio(tissue, 0.25, **REFERENCE_BATH, swelling=swelling)
+    assert J.item() == pytest.approx(expected, abs=1e-6)
+
+
+def test_free_swelling_in_all_directions() -> None:
+    J = isotropic_equilibrium_volume_ratio(reference_tissue(**COMPARABLE), BATHS, 0.93)
+    np.testing.assert_allclose(J, [[1.076768, 1.181408, 1.340529]], atol=1e-6, rtol=0)
+
+
+def test_isotropic_stress_is_the_volumetric_term_of_the_paper() -> None:
+    tissue = reference_tissue()
+    J = isotropic_equilibrium_volume_ratio(tissue, **REFERENCE_BATH)
+    stress = bulk_modulus(tissue) / 2 * (J - 1 / J)
+    np.testing.assert_allclose(
+        stress, osmotic_pressure_difference(tissue, J, **REFERENCE_BATH), rtol=1e-12, atol=1e-15
+    )
+
+
+@pytest.mark.parametrize("solid", SOLIDS)
+def test_forces_balance_over_random_tissues(solid: str) -> None:
+    tissue = random_tissue(rows=500, seed=1, solid=solid)
+    pressure = np.random.default_rng(2).uniform(-0.05, 5.0, (500, 1))
+    J = equilibrium_volume_ratio(tissue, pressure, BATHS, 0.93, swelling=True)
+    assert J.shape == (500, 3)
+    osmotic = osmotic_pressure_difference(tissue, J, BATHS, 0.93)
+    np.testing.assert_allclose(uniaxial_stress(tissue, J) + pressure, osmotic, rtol=1e-11, atol=1e-13)
+    assert np.all(J - 1 + tissue.fluid_fraction > 0)
+
+
+def test_accurate_to_rounding() -> None:
+    """A quarter of the modulus as tension: K/2 (J - 1/J) + P = 0 without shear stiffness is a quadratic."""
+    tissue = reference_tissue(poisson_ratio=0.5 - 1e-15)  # G/K = 0 to rounding
+    K = bulk_modulus(tissue)
+    J = equilibrium_volume_ratio(tissue, -0.25 * K, **REFERENCE_BATH, swelling=False)
+    np.testing.assert_allclose(J, 0.25 + np.sqrt(0.0625 + 1), rtol=1e-14)
+
+
+def test_no_load_leaves_the_uncharged_solid_alone() -> None:
+    J = equilibrium_volume_ratio(reference_tissue(), 0.0, **REFERENCE_BATH, swelling=False)
+    np.testing.assert_allclose(J, 1.0, rtol=1e-15)
+
+
+def test_load_that_the_solid_cannot_carry_has_no_equilibrium() -> None:
+    tissue = reference_tissue(rows=3)
+    pressure = np.array([[0.25], [2.0], [5.0]])  # the solid carries at most 1.25 MPa at J = 0.2
+    J = equilibrium_volume_ratio(tissue, pressure, **REFERENCE_BATH, swelling=False)
+    assert np.isfinite(J[0]).all()
+    assert np.isnan(J[1:]).all()
+    swollen = equilibrium_volume_ratio(tissue, pressure, **REFERENCE_BATH, swelling=True)
+    assert np.isfinite(swollen).all()  # fixed charge holds the last water with any force
+    assert np.all(np.diff(swollen[:, 0]) < 0)
+
+
+def test_small_load_gives_the_aggregate_modulus() -> None:
+    tissue = reference_tissue()
+    J = equilibrium_volume_ratio(tissue, 1e-6, **REFERENCE_BATH, swelling=False)
+    np.testing.assert_allclose((J - 1) * aggregate_modulus(tissue), -1e-6, rtol=1e-5)
