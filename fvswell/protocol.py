@@ -1,6 +1,6 @@
-"""What is done to the columns: phases of load, piston position and bath, each a step or a ramp.
+"""What is done to the bodies of a batch: phases of loads, each a step or a ramp.
 
-Arrays have one row for each column and one entry for each phase, so that every column of a batch has its own.
+Arrays have one row for each body and one entry for each phase, so that every body of a batch has its own.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fvswell.system import LoadValues
 from fvswell.tissue import Array
 
 __all__ = ["Drive", "Protocol"]
@@ -24,40 +25,49 @@ class Drive:
     def at(self, rows: Array, phase: Array, time: Array, start: Array) -> Array:
         """Value in the given rows, each in its phase at a time since the phase began, all ``(rows,)``."""
         target, over = self.target[rows, phase], self.over[rows, phase]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = np.where(over > 0.0, np.minimum(time / over, 1.0), 1.0)
+        share = np.ones(len(rows))
+        np.divide(time, over, out=share, where=over > time)
         return start + (target - start) * share
 
 
 @dataclass(frozen=True)
 class Protocol:
-    """Phases of a batch of columns; where the pressure is not driven the height is."""
+    """Phases of a batch: how long, what is driven, and at what times since its start a step must end."""
 
     duration: Array  # (rows, phases), s
-    pressure: Drive  # on the piston, MPa
-    height: Drive  # of the piston, mm
-    bath: Drive  # concentration, mmol/mm3
-    targets: tuple[Array, ...]  # for each phase (rows, k): times since it began that a step must end at, increasing
+    drives: dict[str, Drive]
+    targets: tuple[Array, ...]  # for each phase (rows or 1, k), increasing
 
     @property
     def phases(self) -> int:
         """Number of phases."""
         return self.duration.shape[1]
 
-    def is_jump(self, rows: Array, phase: Array, pressure: Array, bath: Array) -> Array:
-        """Whether load or bath jump as the phase begins, from the given values, ``(rows,)``."""
+    def prescribed(self, rows: Array, phase: Array, time: Array, start: LoadValues) -> LoadValues:
+        """Driven quantities of rows at a time since their phases began; ``start`` holds all rows' values then."""
+        return {name: drive.at(rows, phase, time, start[name][rows]) for name, drive in self.drives.items()}
+
+    def jumps(self, rows: Array, phase: Array, start: LoadValues) -> Array:
+        """Whether a driven quantity jumps as the phase begins, ``(rows,)``."""
         jump = np.zeros(len(rows), dtype=bool)
-        for drive, value in ((self.pressure, pressure), (self.bath, bath)):
-            target, over = drive.target[rows, phase], drive.over[rows, phase]
-            jump |= (over == 0.0) & (target != value) & ~np.isnan(target)
+        for name, drive in self.drives.items():
+            target = drive.target[rows, phase]
+            jump |= (drive.over[rows, phase] == 0.0) & (target != start[name][rows]) & ~np.isnan(target)
         return jump
 
+    def corners(self, rows: Array, phase: Array, time: Array) -> Array:
+        """Whether a ramp ends at this time since the phase began, ``(rows,)``."""
+        corner = np.zeros(len(rows), dtype=bool)
+        for drive in self.drives.values():
+            corner |= (drive.over[rows, phase] == time) & ~np.isnan(drive.target[rows, phase])
+        return corner
+
     def next_target(self, rows: Array, phase: Array, time: Array) -> Array:
-        """First target after a time since the phase began, ``(rows,)``."""
-        result = np.empty(len(rows))
+        """First time after this one, since the phase began, that a step must end at, ``(rows,)``."""
+        result = self.duration[rows, phase]
         for p in np.unique(phase):
-            own = phase == p
-            targets = self.targets[p][rows[own] if len(self.targets[p]) > 1 else np.zeros(own.sum(), dtype=int)]
-            ahead = np.where(targets > time[own, None], targets, np.inf)
-            result[own] = ahead.min(axis=1)
-        return np.minimum(result, self.duration[rows, phase])
+            own = np.flatnonzero(phase == p)
+            targets = np.broadcast_to(self.targets[p], (len(self.duration), self.targets[p].shape[1]))[rows[own]]
+            ahead = np.where(targets > time[own, None], targets, np.inf).min(axis=1)
+            result[own] = np.minimum(result[own], ahead)
+        return result

@@ -1,4 +1,4 @@
-"""Marching a batch of columns through their protocols, each row with its own time and step.
+"""Marching a batch of bodies through their protocols, each row with its own time and step.
 
     while rows are left:
         step = min(step size, next time that must be hit - time)         in each row
@@ -18,21 +18,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvswell.column import Loads
-from fvswell.newton import Solution, solve_stage
 from fvswell.protocol import Protocol
+from fvswell.system import LoadValues, Solution, Stage, System
 from fvswell.tissue import Array
-from fvswell.transport_term import CoupledTransportTerm, Stage
 
-__all__ = ["BACKWARD_EULER", "SDIRK2", "Failure", "Marcher", "Scheme", "State", "StepControl", "Step"]
+__all__ = ["BACKWARD_EULER", "SDIRK2", "Failure", "Marcher", "Scheme", "State", "Step", "StepControl"]
 
 _GAMMA = 1.0 - 1.0 / np.sqrt(2.0)
-_SMALLEST_STEP = 1e-10  # of the time to the next target
+# SDIRK2 leaves (b.A.c - 1/6) dt^3 m''' for a linear problem
+_SDIRK2_ERROR = (1.0 - _GAMMA) * _GAMMA**2 + _GAMMA * (2.0 * _GAMMA - _GAMMA**2) - 1.0 / 6.0
+_SMALLEST_STEP = 1e-9  # of the time to the next target
 
 
 @dataclass(frozen=True)
 class Scheme:
-    """Diagonally implicit, stiffly accurate scheme: stage times and the weights of the stages' fluxes."""
+    """Diagonally implicit, stiffly accurate scheme of at most two stages: their times and weights."""
 
     diagonal: float
     nodes: tuple[float, ...]
@@ -45,23 +45,22 @@ SDIRK2 = Scheme(diagonal=_GAMMA, nodes=(_GAMMA, 1.0), weights=(1.0 - _GAMMA, _GA
 
 @dataclass(frozen=True)
 class StepControl:
-    """Error control; without a tolerance the given steps are taken, shorter only where they fail."""
+    """How steps are chosen; without a tolerance the given ones are taken, shorter only where they fail."""
 
     scheme: Scheme
     tolerance: Array | None = None  # (rows,): absolute, of the strain
     max_step: float = np.inf  # s
-    first_step: Array | float = np.inf  # (rows,): after a jump, s
+    first_step: float = np.inf  # s, where loads jump or ramps begin and end
 
 
 @dataclass
 class State:
-    """Where every row stands; the arrays are replaced row by row as steps are accepted."""
+    """Where every row stands; rows are replaced as their steps are accepted."""
 
-    unknowns: Array  # (balances, rows, cells)
+    unknowns: Array  # (kinds, rows, points)
+    loads: LoadValues  # driven quantities as they are
     contents: Array  # (balances, rows, cells)
-    fluxes: Array  # (balances, rows, cells + 1)
-    pressure: Array  # (rows,) on the piston
-    bath: Array  # (rows,)
+    fluxes: Array  # (balances, rows, faces)
     phase: Array  # (rows,)
     time: Array  # (rows,) since the phase began
     elapsed: Array  # (rows,) since the protocol began
@@ -74,10 +73,10 @@ class Step:
     rows: Array
     size: Array  # (rows,) s
     iterations: Array  # (rows,) Newton iterations of all stages
+    residual: Array  # (rows,) largest left by the last stage
     contents_before: Array  # (balances, rows, cells)
-    filter_flux: Array  # (balances, rows): mean over the step of the flux at the filter
+    inflow: Array  # (balances, rows): mean over the step of the rate of entering through the boundary
     ends_phase: Array  # (rows,)
-    error: Array  # (rows,) estimated error over tolerance, 0 without tolerance
 
 
 @dataclass(frozen=True)
@@ -88,15 +87,15 @@ class Failure:
     elapsed: float
     phase: int
     balance: str
-    cell: int
+    point: int
     residual: float
 
     @property
     def reason(self) -> str:
         """One line: what did not converge, when and where."""
         return (
-            f"the {self.balance} balance did not converge at t = {self.elapsed:.6g} s in cell {self.cell}, "
-            f"even with the smallest step (residual {self.residual:.3g} of the cell's content)"
+            f"the {self.balance} balance did not converge at t = {self.elapsed:.6g} s at point {self.point} of the "
+            f"grid, even with the smallest step (residual {self.residual:.3g}, relative)"
         )
 
 
@@ -105,164 +104,139 @@ Observer = Callable[[State, Step], None]
 
 @dataclass
 class _Attempt:
-    solution: Solution
-    converged: Array
-    iterations: Array
-    stage_rates: list[Array]  # dJ/dt at the stages, (rows, cells)
-    filter_flux: Array
-    bath: Array
-    worst: Array  # residual of the last stage solved
+    """One step of some rows before it is judged."""
+
+    solutions: list[Solution]
+    rates: list[Array]  # dJ/dt at the stages, (rows, cells)
+    inflow: Array  # (balances, rows)
+
+    @property
+    def converged(self) -> Array:
+        return np.logical_and.reduce([solution.converged for solution in self.solutions])
+
+    @property
+    def iterations(self) -> Array:
+        return np.sum([solution.iterations for solution in self.solutions], axis=0)
+
+    def worst_residual(self, row: int) -> Array:
+        """Residual of the stage that failed, (equations, points)."""
+        failed = next(s for s in self.solutions if s is self.solutions[-1] or not s.converged[row])
+        return np.nan_to_num(np.abs(failed.residual[:, row]), nan=np.inf)
 
 
 class Marcher:
-    """Time loop over a batch of columns."""
+    """Time loop over a batch of bodies."""
 
     def __init__(
-        self, term: CoupledTransportTerm, protocol: Protocol, control: StepControl, state: State,
+        self, system: System, protocol: Protocol, control: StepControl, state: State,
         observers: Sequence[Observer] = (),
     ) -> None:  # fmt: skip
-        self.term, self.protocol, self.control, self.state = term, protocol, control, state
+        self.system, self.protocol, self.control, self.state = system, protocol, control, state
         self.observers = observers
-        rows = len(state.time)
         self.failures: list[Failure] = []
+        rows = len(state.time)
         self.active = np.ones(rows, dtype=bool)
         self._size = np.full(rows, np.inf)
-        self._rate = np.zeros_like(state.unknowns)  # d unknowns/dt over the last step, to start Newton from
-        self._last_rate = np.full(state.unknowns.shape[1:], np.nan)  # dJ/dt at the end of the last step
-        self._restarted = np.zeros(rows, dtype=bool)  # the step size was set anew, not from the last step
-        self._start_pressure, self._start_height, self._start_bath = np.empty(rows), np.empty(rows), np.empty(rows)
+        self._restarted = np.zeros(rows, dtype=bool)  # the size was set anew, not from the last step
+        self._unknown_rate = np.zeros_like(state.unknowns)  # over the last step, to start Newton from
+        self._last_rate = np.full(state.contents.shape[1:], np.nan)  # dJ/dt at the end of the last step
+        self._phase_start = {name: value.copy() for name, value in state.loads.items()}
         self._enter_phase(np.arange(rows))
 
     def run(self) -> None:
         """March until every row has finished its last phase or failed."""
         while self.active.any():
             rows = np.flatnonzero(self.active)
-            if len(rows) == len(self.active):
-                self._step(self.term, rows)
-            else:
-                self._step(self.term.rows(rows), rows)
+            self._step(self.system if self.active.all() else self.system.rows(rows), rows)
 
-    def _step(self, term: CoupledTransportTerm, rows: Array) -> None:
+    def _step(self, system: System, rows: Array) -> None:
         state = self.state
         target = self.protocol.next_target(rows, state.phase[rows], state.time[rows])
         ahead = target - state.time[rows]
         size = np.minimum(np.minimum(self._size[rows], self.control.max_step), ahead)
         size = np.where((size < ahead) & (size > 0.5 * ahead), 0.5 * ahead, size)  # no sliver before a target
-        attempt = self._attempt(term, rows, size)
+        attempt = self._attempt(system, rows, size)
         error = self._error(rows, size, attempt)
-        accepted = attempt.converged & (error <= 1.0)
+        accepted = error <= 1.0
         if accepted.any():
-            self._accept(rows, size, target, attempt, accepted, error)
+            self._accept(rows, size, target, attempt, accepted)
         self._resize(rows, size, attempt.converged, error)
         for i in np.flatnonzero(~accepted & (self._size[rows] < _SMALLEST_STEP * ahead)):
-            self._fail(rows[i], attempt.worst[:, i])
+            self._fail(rows[i], attempt.worst_residual(i))
 
-    def _loads(self, rows: Array, time: Array) -> tuple[Loads, Array]:
-        """Loads of rows at a time since their phases began, and the prescribed heights (nan: pressure acts)."""
-        phase, protocol = self.state.phase[rows], self.protocol
-        pressure = protocol.pressure.at(rows, phase, time, self._start_pressure[rows])
-        height = protocol.height.at(rows, phase, time, self._start_height[rows])
-        bath = protocol.bath.at(rows, phase, time, self._start_bath[rows])
-        held = np.isnan(pressure)
-        pressure = np.where(held, self.state.pressure[rows], pressure)
-        return Loads(pressure[:, None], bath[:, None]), np.where(held, height, np.nan)
-
-    def _attempt(self, term: CoupledTransportTerm, rows: Array, size: Array) -> _Attempt:
+    def _attempt(self, system: System, rows: Array, size: Array) -> _Attempt:
         """Solve the stages of one step of the given rows."""
         state, scheme = self.state, self.control.scheme
-        unknowns, contents = state.unknowns[:, rows], state.contents[:, rows]
-        base, pressure = contents, state.pressure[rows, None]
-        duration = scheme.diagonal * size[:, None]
-        rate, done = self._rate[:, rows], 0.0
-        attempt: _Attempt | None = None
+        contents = base = state.contents[:, rows]
+        unknowns, loads = state.unknowns[:, rows], {name: value[rows] for name, value in state.loads.items()}
+        attempt = _Attempt([], [], np.zeros((len(contents), len(rows))))
+        change, done = self._unknown_rate[:, rows] * size[:, None], 0.0
         for node, weight in zip(scheme.nodes, scheme.weights, strict=True):
-            loads, height = self._loads(rows, state.time[rows] + node * size)
-            guess = self._guess(term, unknowns, rate * ((node - done) * size)[:, None])
-            solution = solve_stage(term, guess, pressure, Stage(base, duration, loads), height)
-            stage_rate = (solution.contents - base) / duration
-            flux = weight * solution.fluxes[..., 0]
-            if attempt is None:
-                attempt = _Attempt(
-                    solution, solution.converged, solution.iterations, [stage_rate[0]], flux,
-                    loads.bath_concentration[:, 0], solution.residual,
-                )  # fmt: skip
-            else:
-                attempt = _Attempt(
-                    solution, attempt.converged & solution.converged, attempt.iterations + solution.iterations,
-                    [*attempt.stage_rates, stage_rate[0]], attempt.filter_flux + flux,
-                    loads.bath_concentration[:, 0],
-                    np.where(attempt.converged[:, None], solution.residual, attempt.worst),
-                )  # fmt: skip
-            base = contents + (1.0 - scheme.diagonal) * size[:, None] * stage_rate
-            rate = (solution.unknowns - unknowns) / ((node - done) * size)[:, None]
-            unknowns, pressure, done = solution.unknowns, solution.pressure, node
+            time = state.time[rows] + node * size
+            prescribed = self.protocol.prescribed(rows, state.phase[rows], time, self._phase_start)
+            guess = system.extrapolate(unknowns, change * (node - done))
+            stage = Stage(base, scheme.diagonal * size, prescribed)
+            solution = system.solve(guess, loads, stage)
+            rate = (solution.contents - base) / stage.duration[:, None]
+            attempt.solutions.append(solution)
+            attempt.rates.append(rate[0])
+            attempt.inflow += weight * solution.inflow
+            base = contents + (1.0 - scheme.diagonal) * size[:, None] * rate
+            change = (solution.unknowns - unknowns) / (node - done)
+            unknowns, loads, done = solution.unknowns, solution.loads, node
             if not attempt.converged.any():
                 break
-        assert attempt is not None
         return attempt
 
-    def _guess(self, term: CoupledTransportTerm, unknowns: Array, change: Array) -> Array:
-        """Extrapolated unknowns, or the old ones in rows where that would leave a cell with little water."""
-        guess = unknowns + change
-        dry = term.laws.smallest_volume_ratio
-        safe = (guess[0] - dry > 0.5 * (unknowns[0] - dry)).all(axis=-1) & (np.abs(change).max(axis=(0, 2)) < 0.5)
-        return np.where(safe[:, None], guess, unknowns)
-
     def _error(self, rows: Array, size: Array, attempt: _Attempt) -> Array:
-        """Estimated error of the strain in this step (rms over the cells) over the tolerance, ``(rows,)``.
+        """Estimated error of the strain in this step (rms over the body) over the tolerance, ``(rows,)``.
 
-        For a linear problem SDIRK2 leaves (b.A.c - 1/6) dt^3 m''' = 0.0404 dt^3 m'''; m''' comes from the rates at
-        the step's start, first stage and end. After a jump the rate at the start is not known; then the change of the
-        rate within the step bounds the error.
+        m''' comes from the rates at the step's start, first stage and end. After a jump the rate at the start is not
+        known; then the change of the rate within the step, which is first order, stands in. Infinite for rows that
+        did not converge.
         """
-        if self.control.tolerance is None:
-            return np.zeros(len(rows))
-        first, last = attempt.stage_rates if len(attempt.stage_rates) == 2 else attempt.stage_rates * 2
-        start = self._last_rate[rows]
+        if self.control.tolerance is None or len(attempt.rates) < 2:
+            return np.where(attempt.converged, 0.0, np.inf)
+        first, last = attempt.rates
         slope = (last - first) / (1.0 - _GAMMA)
-        curved = 2.0 * (slope - (first - start) / _GAMMA)
-        constant = (1.0 - _GAMMA) * _GAMMA**2 + _GAMMA**2 * (2.0 - _GAMMA) - 1.0 / 6.0
-        error = np.where(np.isnan(curved), 0.1 * slope, constant * curved) * size[:, None]
-        widths = self.term.grid.widths
-        rms = np.sqrt((error**2 @ widths) / widths.sum())
+        curvature = 2.0 * (slope - (first - self._last_rate[rows]) / _GAMMA)
+        error = np.where(np.isnan(curvature), 0.1 * slope, _SDIRK2_ERROR * curvature) * size[:, None]
+        volumes = self.system.volumes
+        rms = np.sqrt(error**2 @ volumes / volumes.sum())
         return np.where(attempt.converged, rms / self.control.tolerance[rows], np.inf)
 
-    def _accept(
-        self, rows: Array, size: Array, target: Array, attempt: _Attempt, accepted: Array, error: Array
-    ) -> None:
-        state, solution = self.state, attempt.solution
-        own = rows[accepted]
+    def _accept(self, rows: Array, size: Array, target: Array, attempt: _Attempt, accepted: Array) -> None:
+        state, solution = self.state, attempt.solutions[-1]
+        own, size = rows[accepted], size[accepted]
         before = state.contents[:, own]
-        self._rate[:, own] = (solution.unknowns[:, accepted] - state.unknowns[:, own]) / size[accepted, None]
-        self._last_rate[own] = attempt.stage_rates[-1][accepted]
+        self._unknown_rate[:, own] = (solution.unknowns[:, accepted] - state.unknowns[:, own]) / size[:, None]
+        self._last_rate[own] = attempt.rates[-1][accepted]
         state.unknowns[:, own] = solution.unknowns[:, accepted]
         state.contents[:, own] = solution.contents[:, accepted]
         state.fluxes[:, own] = solution.fluxes[:, accepted]
-        state.pressure[own] = solution.pressure[accepted, 0]
-        state.bath[own] = attempt.bath[accepted]
-        hits = (size >= target - state.time[rows])[accepted]
-        state.time[own] = np.where(hits, target[accepted], state.time[own] + size[accepted])
-        state.elapsed[own] += size[accepted]
+        for name, value in solution.loads.items():
+            state.loads[name][own] = value[accepted]
+        hits = size >= target[accepted] - state.time[own]
+        state.time[own] = np.where(hits, target[accepted], state.time[own] + size)
+        state.elapsed[own] += size
         ends = state.time[own] >= self.protocol.duration[own, state.phase[own]]
-        step = Step(
-            own, size[accepted], attempt.iterations[accepted], before, attempt.filter_flux[:, accepted], ends,
-            error[accepted],
-        )  # fmt: skip
+        residual = np.abs(solution.residual[:, accepted]).max(axis=(0, 2))
+        step = Step(own, size, attempt.iterations[accepted], residual, before, attempt.inflow[:, accepted], ends)
         for observer in self.observers:
             observer(state, step)
-        if ends.any():
-            self._next_phase(own[ends])
-        self._meet_corners(own[~ends])
+        onward = own[~ends]
+        self._restart(onward[self.protocol.corners(onward, state.phase[onward], state.time[onward])])
+        self._next_phase(own[ends])
 
     def _resize(self, rows: Array, size: Array, converged: Array, error: Array) -> None:
         """Step size for the next attempt of each row still under way."""
         if self.control.tolerance is None:
-            wanted = np.where(converged, np.where(np.isfinite(self._size[rows]), 4.0 * size, np.inf), 0.25 * size)
+            factor = np.where(np.isfinite(self._size[rows]), 4.0, np.inf)  # inf: the given steps
         else:
             with np.errstate(divide="ignore"):
                 factor = np.clip(0.9 * error ** (-1.0 / 3.0), 0.2, 4.0)
-            wanted = size * np.where(converged, factor, 0.25)
-        succeeded = converged & (error <= 1.0)
+        wanted = size * np.where(converged, factor, 0.25)
+        succeeded = error <= 1.0
         cut_short = succeeded & (size < self._size[rows])  # by a time that had to be hit: says nothing of the error
         wanted = np.where(cut_short, np.maximum(wanted, self._size[rows]), wanted)
         self._size[rows] = np.where(succeeded & self._restarted[rows], self._size[rows], wanted)
@@ -278,37 +252,26 @@ class Marcher:
         self._enter_phase(onward)
 
     def _enter_phase(self, rows: Array) -> None:
-        """Remember what ramps start from; where something jumps, forget the past and start small."""
-        state = self.state
-        self._start_pressure[rows], self._start_bath[rows] = state.pressure[rows], state.bath[rows]
-        self._start_height[rows] = state.unknowns[0, rows] @ self.term.grid.widths
-        jump = self.protocol.is_jump(rows, state.phase[rows], state.pressure[rows], state.bath[rows])
-        self._restart(rows, jump)
+        """Remember what ramps start from; where something jumps, the past is no guide."""
+        for name, value in self.state.loads.items():
+            self._phase_start[name][rows] = value[rows]
+        jump = self.protocol.jumps(rows, self.state.phase[rows], self._phase_start)
+        self._unknown_rate[:, rows[jump]] = 0.0
+        self._restart(rows)
 
-    def _meet_corners(self, rows: Array) -> None:
-        """At the end of a ramp the rates jump."""
-        phase, time = self.state.phase[rows], self.state.time[rows]
-        corner = np.zeros(len(rows), dtype=bool)
-        for drive in (self.protocol.pressure, self.protocol.height, self.protocol.bath):
-            corner |= (drive.over[rows, phase] == time) & ~np.isnan(drive.target[rows, phase])
-        self._restart(rows[corner], np.zeros(corner.sum(), dtype=bool))
-
-    def _restart(self, rows: Array, jump: Array) -> None:
+    def _restart(self, rows: Array) -> None:
+        """The rates are about to jump: start small."""
         self._last_rate[rows] = np.nan
-        self._rate[:, rows[jump]] = 0.0
+        self._size[rows] = self.control.first_step
         self._restarted[rows] = True
-        first = np.broadcast_to(self.control.first_step, self._size.shape)[rows]
-        self._size[rows] = np.where(self.control.tolerance is None, np.inf, first)
 
     def _fail(self, row: int, residual: Array) -> None:
-        worst = np.abs(np.nan_to_num(residual, nan=np.inf))
-        balance, cell = np.unravel_index(np.argmax(worst), worst.shape)
+        equation, point = np.unravel_index(np.argmax(residual), residual.shape)
+        state = self.state
         self.failures.append(
             Failure(
-                int(row), float(self.state.elapsed[row]), int(self.state.phase[row]),
-                self.term.laws.balances[balance], int(cell), float(worst[balance, cell]),
+                int(row), float(state.elapsed[row]), int(state.phase[row]), self.system.equations[equation],
+                int(point), float(residual[equation, point]),
             )
         )  # fmt: skip
         self.active[row] = False
-
-

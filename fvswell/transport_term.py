@@ -1,10 +1,10 @@
 """All balances of a column as one coupled FiPy Term with an exact Jacobian.
 
-The balance of each quantity over one implicit stage reads, for a cell of reference width W between two faces,
+The balance of each quantity over an interval reads, for a cell of reference width W between two faces,
 
     W (content - base) + dt (flux through the upper face - flux through the lower face) = 0
 
-with ``base`` the content the stage starts from. Fluxes are two-point: they depend on the state at the face and on
+with ``base`` the content the interval starts from. Fluxes are two-point: they depend on the state at the face and on
 the differences of the potentials across it. Derivatives are exact: by complex step in the state at a point, and by
 linearity in the gradients. Unknowns are stacked as ``(balances, rows, cells)``; rows do not interact.
 """
@@ -21,13 +21,13 @@ from fvswell.tissue import Array
 
 from fipy.terms.unaryTerm import _UnaryTerm  # isort: skip  (after fvswell.grid, which chooses FiPy's solvers)
 
-__all__ = ["BandedJacobian", "CoupledTransportTerm", "Stage", "complex_step"]
+__all__ = ["Balance", "BandedJacobian", "CoupledTransportTerm", "Interval", "complex_step"]
 
 _STEP = 1e-40  # far below rounding of anything it is added to: the imaginary part is the derivative exactly
 
 
-class Stage(NamedTuple):
-    """One implicit stage: the contents it starts from, its length (rows, 1) in s, and the loads at its end."""
+class Interval(NamedTuple):
+    """The time a balance is drawn up over: contents it starts from, length (rows, 1) in s, loads at its end."""
 
     base: Array  # (balances, rows, cells)
     duration: Array  # (rows, 1)
@@ -65,37 +65,37 @@ def _derivative(value: Array) -> Array:
 class CoupledTransportTerm(_UnaryTerm):  # type: ignore[misc]
     """The coupled balances of a batch of columns on one grid.
 
-    The solver calls `balance` and `jacobian`. With a variable and a stage set (`bind`), the term is also an ordinary
+    The solver calls `balance` and `jacobian`. With a variable and an interval set (`bind`), the term is also an ordinary
     FiPy Term: it can be swept, cached and added to others; then the batch has one row.
     """
 
-    def __init__(self, grid: ColumnGrid, laws: Column, var: Any = None, stage: Stage | None = None) -> None:
+    def __init__(self, grid: ColumnGrid, laws: Column, var: Any = None, interval: Interval | None = None) -> None:
         super().__init__(coeff=1.0, var=var)
-        self.grid, self.laws, self.stage = grid, laws, stage
+        self.grid, self.laws, self.interval = grid, laws, interval
 
     def rows(self, index: Array) -> CoupledTransportTerm:
         """The term of a subset of the rows."""
         return CoupledTransportTerm(self.grid, self.laws.rows(index))
 
-    def bind(self, var: Any, stage: Stage) -> CoupledTransportTerm:
+    def bind(self, var: Any, interval: Interval) -> CoupledTransportTerm:
         """The same balances as a FiPy Term in a vector `fipy.CellVariable` of the unknowns."""
-        return CoupledTransportTerm(self.grid, self.laws, var, stage)
+        return CoupledTransportTerm(self.grid, self.laws, var, interval)
 
-    def balance(self, unknowns: Array, stage: Stage) -> Balance:
+    def balance(self, unknowns: Array, interval: Interval) -> Balance:
         """Residual, contents and fluxes at a state, all real."""
-        loads = stage.loads
+        loads = interval.loads
         state = unknowns[: self.laws.state_size]
         contents = self.laws.contents(state, loads)
         potentials = self._potentials(unknowns, self.laws.water_potential(state, loads))
         gradients = self._reference_gradients(potentials, loads)
         crossing = self.laws.fluxes(self._face_state(unknowns, loads), loads, gradients)
         fluxes = np.concatenate([crossing, np.zeros_like(crossing[..., :1])], axis=-1)
-        residual = self.grid.widths * (contents - stage.base) + stage.duration * np.diff(fluxes)
+        residual = self.grid.widths * (contents - interval.base) + interval.duration * np.diff(fluxes)
         return Balance(residual, contents, fluxes)
 
-    def jacobian(self, unknowns: Array, stage: Stage) -> BandedJacobian:
+    def jacobian(self, unknowns: Array, interval: Interval) -> BandedJacobian:
         """Derivative of the residual by the unknowns and by the applied pressure."""
-        loads, S = stage.loads, self.laws.state_size
+        loads, S = interval.loads, self.laws.state_size
         perturbed = complex_step(unknowns[:S])
         potential = self.laws.water_potential(perturbed, loads)
         by_potential = self._potential_derivative(_derivative(potential), unknowns.shape)
@@ -115,16 +115,16 @@ class CoupledTransportTerm(_UnaryTerm):  # type: ignore[misc]
             upper[:, variable] += by_state[:, variable] * upper_weight
             lower[:, variable] += by_state[:, variable, :, 1:] * lower_weight[1:]
         by_pressure = np.zeros(unknowns.shape)
-        by_pressure[..., 0] = -stage.duration[:, 0] * by_gradient[:, 0, :, 0]
-        dt = stage.duration
+        by_pressure[..., 0] = -interval.duration[:, 0] * by_gradient[:, 0, :, 0]
+        dt = interval.duration
         diagonal = storage - dt * upper
         diagonal[..., :-1] += dt * lower
         bands, bandwidth = _band_storage(diagonal, below=-dt * lower, above=dt * upper[..., 1:])
         return BandedJacobian(bands, bandwidth, by_pressure)
 
-    def content_scale(self, stage: Stage) -> Array:
+    def content_scale(self, loads: Loads) -> Array:
         """Size of the contents of the cells, to judge residuals by: (balances, 1 or rows, cells)."""
-        return self.laws.content_scale(stage.loads) * self.grid.widths
+        return self.laws.content_scale(loads) * self.grid.widths
 
     def _potentials(self, unknowns: Array, water_potential: Array) -> Array:
         potentials = unknowns.copy()
@@ -166,14 +166,14 @@ class CoupledTransportTerm(_UnaryTerm):  # type: ignore[misc]
         transientGeomCoeff: Any = None, diffusionGeomCoeff: Any = None,  # noqa: N803
     ) -> tuple[Any, Any, Array]:
         """FiPy's hook: the matrix of a Newton step, and the right side that makes its solution the new state."""
-        if self.stage is None:
-            raise ValueError("bind the term to a variable and a stage before FiPy builds its matrix")
+        if self.interval is None:
+            raise ValueError("bind the term to a variable and an interval before FiPy builds its matrix")
         unknowns = np.array(var.value).reshape(len(self.laws.balances), 1, -1)
-        jacobian = self.jacobian(unknowns, self.stage)
+        jacobian = self.jacobian(unknowns, self.interval)
         rows, columns, values = _variable_major(jacobian, unknowns.shape)
         matrix = SparseMatrix(mesh=var.mesh)
         matrix.addAt(values, rows, columns)
-        residual = self.balance(unknowns, self.stage).residual
+        residual = self.balance(unknowns, self.interval).residual
         return var, matrix, matrix * unknowns.ravel() - residual.ravel()
 
     def _getDefaultSolver(self, var: Any, solver: Any, *args: Any, **kwargs: Any) -> Any:  # noqa: N802
