@@ -1,3 +1,29 @@
 """fvswell: finite-volume swelling and compression of soft, charged, hydrated tissues."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fvswell.case import Case, CaseError, load_case
+    from fvswell.comparison import compare
+    from fvswell.errors import OutputError, SolverError
+    from fvswell.results import read_result
+    from fvswell.simulation import run
+
 __version__ = "0.1.0"
+
+_HOMES = {
+    "Case": "case", "CaseError": "case", "load_case": "case", "compare": "comparison", "run": "simulation",
+    "read_result": "results", "OutputError": "errors", "SolverError": "errors",
+}  # fmt: skip
+__all__ = ["Case", "CaseError", "OutputError", "SolverError", "compare", "load_case", "read_result", "run"]
+
+
+def __getattr__(name: str) -> Any:
+    # imported when first asked for: FiPy takes most of a second, and not every use needs it
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(f"fvswell.{_HOMES[name]}"), name)

@@ -6,16 +6,25 @@ import difflib
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
-__all__ = ["CaseError", "Problem", "nearest_name", "shown"]
+__all__ = ["CaseError", "Finding", "Location", "Problem", "nearest_name", "shown"]
 
 _LONGEST_SHOWN = 70
+
+Location = tuple[str | int, ...]  # keys, and indices of phases, from the top of a case
+
+
+class Finding(NamedTuple):
+    """One thing wrong in a case: where, and what is allowed instead."""
+
+    location: Location
+    message: str
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing wrong: where, what was given ("" if nothing), and what is allowed instead."""
+    """A finding as it is told: the dotted key, the value that was given ("" if none), and what is allowed."""
 
     key: str
     given: str
@@ -47,9 +56,10 @@ class CaseError(Exception):
 
 
 def nearest_name(name: object, names: Iterable[str]) -> str | None:
-    """The one of ``names`` that ``name`` was probably meant to be, or None."""
-    matches = difflib.get_close_matches(str(name).lower(), list(names), n=1)
-    return matches[0] if matches else None
+    """The one of ``names`` that ``name`` is probably a misspelling or a part of, or None."""
+    text, known = str(name).lower(), list(names)
+    containing = [other for other in known if text and text in other]
+    return next(iter(difflib.get_close_matches(text, known, n=1) or containing), None)
 
 
 def shown(value: Any) -> str:

@@ -6,6 +6,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from numbers import Integral
 from typing import Any, NamedTuple
 
@@ -32,6 +33,8 @@ __all__ = [
     "ValueType",
     "final_value",
 ]
+
+_RELAXATION_TIMES = re.compile(rf"\s*({NUMBER})\s+relaxation\s+times?\s*")
 
 Coordinates = Mapping[str, Array]  # of the points, by name: "depth", mm
 
@@ -75,7 +78,7 @@ def final_value(load: float | Ramp) -> float:
 class ValueType(ABC):
     """Reads one kind of value; used as an annotation in the tables of the schema.
 
-    ``read`` raises ValueError with a message that completes "the value ...".
+    ``_read`` raises ValueError with a message that completes "the value ...".
     """
 
     @property
@@ -89,16 +92,16 @@ class ValueType(ABC):
         """What a right value is, in a few words."""
 
     @abstractmethod
-    def read(self, value: Any) -> Any:
+    def _read(self, value: Any) -> Any:
         """The value in internal units."""
 
-    def plain(self, value: Any) -> Any:
-        """The value as TOML can hold it; ``read`` gives it back."""
+    def _plain(self, value: Any) -> Any:
+        """The value as TOML can hold it; ``_read`` gives it back."""
         return value
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
         return core_schema.no_info_plain_validator_function(
-            self.read, serialization=core_schema.plain_serializer_function_ser_schema(self.plain)
+            self._read, serialization=core_schema.plain_serializer_function_ser_schema(self._plain)
         )
 
 
@@ -106,11 +109,9 @@ class ValueType(ABC):
 class Text(ValueType):
     """A text that is not empty."""
 
-    @property
-    def allowed(self) -> str:
-        return "a text"
+    allowed = "a text"
 
-    def read(self, value: Any) -> str:
+    def _read(self, value: Any) -> str:
         if not isinstance(value, str) or not value.strip():
             raise ValueError(f"must be {self.allowed} and not empty")
         return value
@@ -120,11 +121,9 @@ class Text(ValueType):
 class Name(ValueType):
     """A name that can stand in a dotted key."""
 
-    @property
-    def allowed(self) -> str:
-        return "a name of letters, digits, spaces, - and _, beginning with a letter"
+    allowed = "a name of letters, digits, spaces, - and _, beginning with a letter"
 
-    def read(self, value: Any) -> str:
+    def _read(self, value: Any) -> str:
         if not isinstance(value, str) or not re.fullmatch(r"[^\W\d_][\w -]*", value):
             raise ValueError(f"must be {self.allowed}")
         return value
@@ -138,9 +137,10 @@ class Choice(ValueType):
 
     @property
     def allowed(self) -> str:
+        """The names."""
         return ", ".join(f'"{name}"' for name in self.names)
 
-    def read(self, value: Any) -> str:
+    def _read(self, value: Any) -> str:
         if isinstance(value, str) and value in self.names:
             return value
         near = nearest_name(value, self.names)
@@ -155,9 +155,10 @@ class Count(ValueType):
 
     @property
     def allowed(self) -> str:
+        """The smallest number."""
         return f"a whole number, at least {self.at_least}"
 
-    def read(self, value: Any) -> int:
+    def _read(self, value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, Integral) or value < self.at_least:
             raise ValueError(f"must be {self.allowed}")
         return int(value)
@@ -176,26 +177,36 @@ class Quantity(ValueType):
 
     @property
     def unit(self) -> str:
+        """Internal unit of the dimension."""
         return DIMENSIONS[self.dimension].unit
 
     @property
     def allowed(self) -> str:
-        bounds = {"above": self.above, "at least": self.at_least, "below": self.below, "at most": self.at_most}
-        return " and ".join(f"{name} {bound:g}" for name, bound in bounds.items() if bound is not None) or "any"
+        """The bounds."""
+        limits = {
+            "above": self.above,
+            "at least": self.at_least,
+            "below": self.below,
+            "at most": self.at_most,
+        }
+        return (
+            " and ".join(f"{name} {limit:g}" for name, limit in limits.items() if limit is not None) or "any"
+        )
 
-    def read(self, value: Any) -> float | DepthProfile:
+    def _read(self, value: Any) -> float | DepthProfile:
         if isinstance(value, Mapping):
             if not self.varying:
                 raise ValueError("must be one quantity: it cannot vary")
-            return _read_depth_profile(value, self._number)
-        return self._number(value)
+            return _read_depth_profile(value, self.number)
+        return self.number(value)
 
-    def plain(self, value: float | DepthProfile) -> Any:
+    def _plain(self, value: float | DepthProfile) -> Any:
         if isinstance(value, DepthProfile):
             return {"depth": list(value.depth), "value": list(value.value)}
         return value
 
-    def _number(self, value: Any) -> float:
+    def number(self, value: Any) -> float:
+        """Read a single number of this quantity."""
         number = parse(value, self.dimension)
         if (
             (self.above is not None and not number > self.above)
@@ -215,19 +226,21 @@ class Load(ValueType):
 
     @property
     def unit(self) -> str:
+        """Internal unit of the dimension."""
         return self.quantity.unit
 
     @property
     def allowed(self) -> str:
-        return f"{self.quantity.allowed}; or {{ramp_to = ..., over = ...}}"
+        """The bounds."""
+        return self.quantity.allowed
 
-    def read(self, value: Any) -> float | Ramp:
+    def _read(self, value: Any) -> float | Ramp:
         if not isinstance(value, Mapping):
-            return self.quantity._number(value)
-        readers = {"ramp_to": self.quantity._number, "over": Quantity("time", above=0.0)._number}
+            return self.quantity.number(value)
+        readers = {"ramp_to": self.quantity.number, "over": Quantity("time", above=0.0).number}
         return Ramp(**_read_table(value, readers))
 
-    def plain(self, value: float | Ramp) -> Any:
+    def _plain(self, value: float | Ramp) -> Any:
         return value._asdict() if isinstance(value, Ramp) else value
 
 
@@ -235,22 +248,17 @@ class Load(ValueType):
 class Duration(ValueType):
     """A time, or a multiple of the relaxation time."""
 
-    @property
-    def unit(self) -> str:
-        return DIMENSIONS["time"].unit
+    unit = DIMENSIONS["time"].unit
+    allowed = 'above 0; or "1.5 relaxation times"'
 
-    @property
-    def allowed(self) -> str:
-        return 'above 0; or "1.5 relaxation times"'
-
-    def read(self, value: Any) -> float | RelaxationTimes:
+    def _read(self, value: Any) -> float | RelaxationTimes:
         positive = Quantity("time", above=0.0)
-        match = re.fullmatch(rf"\s*({NUMBER})\s+relaxation\s+times?\s*", value) if isinstance(value, str) else None
+        match = _RELAXATION_TIMES.fullmatch(value) if isinstance(value, str) else None
         if match is None:
-            return positive._number(value)
-        return RelaxationTimes(Quantity(above=0.0)._number(float(match[1])))
+            return positive.number(value)
+        return RelaxationTimes(Quantity(above=0.0).number(float(match[1])))
 
-    def plain(self, value: float | RelaxationTimes) -> Any:
+    def _plain(self, value: float | RelaxationTimes) -> Any:
         return str(value) if isinstance(value, RelaxationTimes) else value
 
 
@@ -258,29 +266,25 @@ class Duration(ValueType):
 class Times(ValueType):
     """An increasing list of times."""
 
-    @property
-    def unit(self) -> str:
-        return DIMENSIONS["time"].unit
+    unit = DIMENSIONS["time"].unit
+    allowed = "a list that increases from 0 or more"
 
-    @property
-    def allowed(self) -> str:
-        return "a list that increases from 0 or more"
+    def _read(self, value: Any) -> tuple[float, ...]:
+        return _read_increasing(value, Quantity("time", at_least=0.0).number)
 
-    def read(self, value: Any) -> tuple[float, ...]:
-        return _read_increasing(value, Quantity("time", at_least=0.0)._number)
-
-    def plain(self, value: tuple[float, ...]) -> list[float]:
+    def _plain(self, value: tuple[float, ...]) -> list[float]:
         return list(value)
 
 
 def _read_depth_profile(value: Mapping[str, Any], read_number: Callable[[Any], float]) -> DepthProfile:
     readers = {
-        "depth": lambda item: _read_increasing(item, Quantity("length", at_least=0.0)._number),
+        "depth": lambda item: _read_increasing(item, Quantity("length", at_least=0.0).number),
         "value": lambda item: _read_list(item, read_number),
     }
     profile = DepthProfile(**_read_table(value, readers))
     if len(profile.depth) != len(profile.value):
-        raise ValueError(f"has {len(profile.depth)} depths and {len(profile.value)} values: must be as many of each")
+        counts = f"{len(profile.depth)} depths and {len(profile.value)} values"
+        raise ValueError(f"has {counts}: must be as many of each")
     return profile
 
 
@@ -304,7 +308,7 @@ def _read_table(table: Mapping[str, Any], readers: Mapping[str, Callable[[Any], 
 
 
 def _read_list(value: Any, read_number: Callable[[Any], float]) -> tuple[float, ...]:
-    if not isinstance(value, list | tuple) or not value:
+    if not isinstance(value, list | tuple | np.ndarray) or len(value) == 0:
         raise ValueError("must be a list and not empty")
     numbers, problems = [], []
     for index, item in enumerate(value):
@@ -319,6 +323,6 @@ def _read_list(value: Any, read_number: Callable[[Any], float]) -> tuple[float, 
 
 def _read_increasing(value: Any, read_number: Callable[[Any], float]) -> tuple[float, ...]:
     numbers = _read_list(value, read_number)
-    if any(right <= left for left, right in zip(numbers, numbers[1:], strict=False)):
+    if any(right <= left for left, right in pairwise(numbers)):
         raise ValueError("must increase from one entry to the next")
     return numbers

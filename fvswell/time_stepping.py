@@ -149,6 +149,10 @@ class Marcher:
             rows = np.flatnonzero(self.active)
             self._step(self.system if self.active.all() else self.system.rows(rows), rows)
 
+    def stop(self, row: int) -> None:
+        """End a row where it stands; for observers."""
+        self.active[row] = False
+
     def _step(self, system: System, rows: Array) -> None:
         state = self.state
         target = self.protocol.next_target(rows, state.phase[rows], state.time[rows])

@@ -21,7 +21,7 @@ from fvswell.tissue import Array
 
 from fipy.terms.unaryTerm import _UnaryTerm  # isort: skip  (after fvswell.grid, which chooses FiPy's solvers)
 
-__all__ = ["Balance", "BandedJacobian", "CoupledTransportTerm", "Interval", "complex_step"]
+__all__ = ["Balance", "BandedJacobian", "CoupledTransportTerm", "Interval", "band_storage", "complex_step", "derivative"]
 
 _STEP = 1e-40  # far below rounding of anything it is added to: the imaginary part is the derivative exactly
 
@@ -58,7 +58,8 @@ def complex_step(state: Array) -> Array:
     return perturbed
 
 
-def _derivative(value: Array) -> Array:
+def derivative(value: Array) -> Array:
+    """Derivatives from values at perturbed states; the directions stay on the axis after the values' own."""
     return value.imag / _STEP
 
 
@@ -98,13 +99,13 @@ class CoupledTransportTerm(_UnaryTerm):  # type: ignore[misc]
         loads, S = interval.loads, self.laws.state_size
         perturbed = complex_step(unknowns[:S])
         potential = self.laws.water_potential(perturbed, loads)
-        by_potential = self._potential_derivative(_derivative(potential), unknowns.shape)
+        by_potential = self._potential_derivative(derivative(potential), unknowns.shape)
         storage = np.zeros((len(unknowns), *unknowns.shape))
-        storage[:, :S] = self.grid.widths * _derivative(self.laws.contents(perturbed, loads))
+        storage[:, :S] = self.grid.widths * derivative(self.laws.contents(perturbed, loads))
 
         gradients = self._reference_gradients(self._potentials(unknowns, potential[0].real), loads)
         face_state = self._face_state(unknowns, loads)
-        by_state = _derivative(self.laws.fluxes(complex_step(face_state), loads, gradients[:, None]))
+        by_state = derivative(self.laws.fluxes(complex_step(face_state), loads, gradients[:, None]))
         unit = np.eye(len(unknowns))[:, :, None, None]
         by_gradient = self.laws.fluxes(face_state, loads, unit) / self.grid.distances
 
@@ -119,7 +120,7 @@ class CoupledTransportTerm(_UnaryTerm):  # type: ignore[misc]
         dt = interval.duration
         diagonal = storage - dt * upper
         diagonal[..., :-1] += dt * lower
-        bands, bandwidth = _band_storage(diagonal, below=-dt * lower, above=dt * upper[..., 1:])
+        bands, bandwidth = band_storage(diagonal, below=-dt * lower, above=dt * upper[..., 1:])
         return BandedJacobian(bands, bandwidth, by_pressure)
 
     def content_scale(self, loads: Loads) -> Array:
@@ -133,11 +134,11 @@ class CoupledTransportTerm(_UnaryTerm):  # type: ignore[misc]
 
     def _potential_derivative(self, water: Array, shape: tuple[int, ...]) -> Array:
         """d potentials/d unknowns, (potentials, unknowns, rows, cells): the water potential by state, else 1."""
-        derivative = np.zeros((shape[0], *shape))
-        derivative[0, : len(water)] = water
+        by_unknowns = np.zeros((shape[0], *shape))
+        by_unknowns[0, : len(water)] = water
         for variable in range(1, shape[0]):
-            derivative[variable, variable] = 1.0
-        return derivative
+            by_unknowns[variable, variable] = 1.0
+        return by_unknowns
 
     def _reference_gradients(self, potentials: Array, loads: Loads) -> Array:
         bath = self.laws.filter_potentials(loads)
@@ -182,7 +183,7 @@ class CoupledTransportTerm(_UnaryTerm):  # type: ignore[misc]
         return solver or LinearLUSolver(tolerance=1e-14)  # the default skips small steps silently
 
 
-def _band_storage(diagonal: Array, below: Array, above: Array) -> tuple[Array, int]:
+def band_storage(diagonal: Array, below: Array, above: Array) -> tuple[Array, int]:
     """Blocks (equation, variable, row, cell) to LAPACK bands; ``below`` couples a cell to the one before it."""
     V, _, R, n = diagonal.shape
     bandwidth = 2 * V - 1

@@ -30,7 +30,7 @@ class QuantityError(ValueError):
 
 @dataclass(frozen=True)
 class Dimension:
-    """A physical dimension: the internal unit, which fixes the dimensionality, and a quantity as an example."""
+    """A physical dimension: its internal unit, which fixes the dimensionality, and an example."""
 
     unit: str
     example: str
@@ -63,8 +63,8 @@ def parse(value: str | float, dimension_name: str) -> float:
     Returns
     -------
     float
-        The double nearest to the exact result: units are converted in rational numbers, so one quantity written
-        in different units gives one number.
+        The double nearest to the exact result: units are converted in rational numbers, so one quantity
+        written in different units gives one number.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def _expected(dimension_name: str) -> str:
     dimension = DIMENSIONS[dimension_name]
     if dimension_name == PLAIN_NUMBER:
         return "a number without a unit"
-    return f"a quantity of dimension {dimension_name}, such as {dimension.example}, or a number in {dimension.unit}"
+    return f"of dimension {dimension_name}, such as {dimension.example}, or a number in {dimension.unit}"
 
 
 def _given(unit: Any) -> str:
@@ -139,5 +139,7 @@ def _unit(text: str) -> Any:
         return None
     try:
         return _registry().parse_units(text)
-    except Exception:  # pint hands the text to Python's tokenizer and to operators: the kinds of error have no end
+    except (
+        Exception
+    ):  # pint hands the text to Python's tokenizer and operators, which raise all kinds of errors
         return None

@@ -1,4 +1,4 @@
-"""The linear solution of a column, against numbers worked out beforehand, the full laws and finite differences."""
+"""The linear solution of a column, against numbers known before, the full laws and finite differences."""
 
 from __future__ import annotations
 
@@ -18,9 +18,14 @@ OSMOTIC_COEFFICIENT = np.array([[0.93]])
 TIMES = np.array([20.0, 100.0, 400.0, 1e6])
 
 
-def column(model: Model, tissue: Tissue | None = None, height: float = 0.5, pressure: float = 0.0) -> LinearColumn:
+def column(model: Model, tissue: Tissue | None = None, pressure: float = 0.0) -> LinearColumn:
     mixture = Mixture(model, reference_tissue() if tissue is None else tissue, OSMOTIC_COEFFICIENT)
-    return LinearColumn.at_equilibrium(mixture, height, pressure, 1.5e-4)
+    return LinearColumn.at_equilibrium(mixture, 0.5, pressure, 1.5e-4)
+
+
+def slab_time(linear: LinearColumn, scaled: float) -> Array:
+    """Time in s after which the fastest diffusion has come a given way; shape (rows, 1)."""
+    return scaled * (linear.current_height**2 / linear.diffusivities.real.max(axis=1))[:, None]
 
 
 def every_mixture() -> list[LinearColumn]:
@@ -28,7 +33,7 @@ def every_mixture() -> list[LinearColumn]:
     return [column(model, random_tissue(300, seed=3), pressure=0.05) for model in MODELS.values()]
 
 
-# ---- kernels ---------------------------------------------------------------------------------------------------
+# ---- kernels ---------------------------------------------------------------------------------------------
 
 
 def slow_series(wave_numbers: Array, amplitude: Array, time: Array) -> Array:
@@ -74,7 +79,7 @@ def test_nothing_relaxes_fully() -> None:
         relaxation_time(1)
 
 
-# ---- the reference tissue --------------------------------------------------------------------------------------
+# ---- the reference tissue --------------------------------------------------------------------------------
 
 
 def test_reference_state() -> None:
@@ -102,7 +107,7 @@ def test_biphasic_is_terzaghi() -> None:
     assert not column(BIPHASIC, tissue).global_strain(time, delta_concentration=1e-5).any()
 
 
-# ---- over random tissues ---------------------------------------------------------------------------------------
+# ---- over random tissues ---------------------------------------------------------------------------------
 
 
 def test_swelling_models_reach_one_equilibrium() -> None:
@@ -200,7 +205,7 @@ def test_nearly_equal_eigenvalues(gap: float) -> None:
     np.testing.assert_allclose(apart.mean_volume_change(time, change), value, rtol=2e-3)
 
 
-# ---- against finite differences --------------------------------------------------------------------------------
+# ---- against finite differences --------------------------------------------------------------------------
 
 
 def finite_differences(linear: LinearColumn, change: Array, time: Array, cells: int) -> Array:
@@ -247,7 +252,7 @@ def test_profile_satisfies_the_balances() -> None:
     """dm/dt = J0 d/dx(L dy/dx) by central differences of the solution itself; boundary values; mean."""
     for linear in every_mixture():
         height, pressure, concentration = linear.current_height[:, None], 1e-3, -1e-6
-        time = 0.05 * height**2 / linear.diffusivities.real.max(axis=1, keepdims=True)
+        time = slab_time(linear, 0.05)
         x, dx, dt = 0.3 * height, 1e-3 * height, 1e-3 * time
         instants = np.concatenate([time - dt, time, time + dt], axis=1)
         positions = np.concatenate([x - dx, x, x + dx], axis=1)
@@ -260,7 +265,8 @@ def test_profile_satisfies_the_balances() -> None:
             linear.mobility[:, 0, i] * np.diff(y[:, 1, :], 2)[:, 0] / dx[:, 0] ** 2
             for i, y in enumerate(gradients)
         )
-        np.testing.assert_allclose(linear.volume_ratio[:, 0] * flow, rate, rtol=1e-4, atol=1e-4 * abs(rate).max())
+        balance = linear.volume_ratio[:, 0] * flow
+        np.testing.assert_allclose(balance, rate, rtol=1e-4, atol=1e-4 * abs(rate).max())
 
         at_filter = linear.profile(np.array([0.0]), time, pressure, concentration)
         water = 0.0
@@ -278,7 +284,7 @@ def test_profile_satisfies_the_balances() -> None:
 def test_load_is_carried_by_the_water_at_first() -> None:
     """Far from the filter nothing has left yet: mu_f has risen by the whole load."""
     for linear in every_mixture():
-        time = 1e-4 * linear.current_height[:, None] ** 2 / linear.diffusivities.real.max(axis=1, keepdims=True)
+        time = slab_time(linear, 1e-4)
         far = linear.profile(linear.current_height[:, None], time, 1e-3)
         np.testing.assert_allclose(far.water_potential, 1e-3, rtol=1e-9)
         np.testing.assert_allclose(far.volume_ratio, 0.0, atol=1e-12)
@@ -289,7 +295,7 @@ def test_position_outside_the_column() -> None:
         column(BIPHASIC).profile(np.array([0.6]), np.array([1.0]), 1e-3)
 
 
-# ---- negative osmosis ------------------------------------------------------------------------------------------
+# ---- negative osmosis ------------------------------------------------------------------------------------
 
 
 def test_salt_that_outdraws_osmosis_moves_water_toward_the_weaker_solution() -> None:
@@ -309,7 +315,7 @@ def test_hindrance_decides_for_the_reference_tissue() -> None:
 def test_first_flow_is_the_sign_of_the_early_strain() -> None:
     linear = column(ELECTROCHEMICAL, random_tissue(2000, seed=14))
     change = linear.boundary_change(0.0, -1e-6)
-    time = 1e-4 * linear.current_height[:, None] ** 2 / linear.diffusivities.real.max(axis=1, keepdims=True)
+    time = slab_time(linear, 1e-4)
     early = linear.mean_volume_change(time, change) / linear.volume_ratio
     np.testing.assert_allclose(
         early[:, 0], linear.early_strain(change) * np.sqrt(time[:, 0]), rtol=1e-6, atol=1e-12

@@ -1,7 +1,7 @@
 """Confined compression of a biphasic layer at small strain: creep and stress relaxation.
 
-Terzaghi's consolidation, in the form of Mow, Kuei, Lai & Armstrong (1980). The layer drains at x = 0 into a filter;
-the piston at x = h is impermeable. Arguments are numbers or arrays that broadcast; units mm, N, s.
+Terzaghi's consolidation, in the form of Mow, Kuei, Lai & Armstrong (1980). The layer drains at x = 0 into a
+filter; the piston at x = h is impermeable. Arguments are numbers or arrays that broadcast; units mm, N, s.
 """
 
 from __future__ import annotations
@@ -21,8 +21,7 @@ def creep_strain(
 ) -> Array:
     """Strain of the layer (negative) a time after the piston's pressure came on at once.
 
-    -(P/H) [1 - sum 2/lambda_n^2 exp(-lambda_n^2 H k t/h^2)], lambda_n = (n + 1/2) pi; the broadcast shape of the
-    arguments.
+    -(P/H) [1 - sum 2/lambda_n^2 exp(-lambda_n^2 H k t/h^2)], lambda_n = (n + 1/2) pi.
     """
     scaled_time = aggregate_modulus * permeability * time / height**2
     return -piston_pressure / aggregate_modulus * mean_uptake(scaled_time)
@@ -36,7 +35,7 @@ def creep_fluid_pressure(
     position: Array,
     time: Array,
 ) -> Array:
-    """Fluid pressure (MPa) in creep at a distance ``position`` (mm) from the filter; the strain is (p - P)/H."""
+    """Fluid pressure p (MPa) in creep at ``position`` mm from the filter; the strain there is (p - P)/H."""
     scaled_time = aggregate_modulus * permeability * time / height**2
     return piston_pressure * (1.0 - profile_uptake(position / height, scaled_time))
 
@@ -49,14 +48,15 @@ def relaxation_pressure(
     ramp_duration: Array | float,
     time: Array,
 ) -> Array:
-    """Pressure on the piston (MPa) that moves in by ``displacement`` (mm) at constant speed, then stands still.
+    """Pressure on a piston (MPa) that moves in by ``displacement`` (mm) at one speed, then stands still.
 
-    The displacement relative to the piston diffuses with H k; it is given at the filter, where the fluid's pressure
-    is zero and the solid carries the load -H du/dx. While the piston moves,
+    The displacement relative to the piston diffuses with H k; it is given at the filter, where the fluid's
+    pressure is zero and the solid carries the load -H du/dx. While the piston moves,
 
-        P = (V h/k) [tau + 1/3 - sum 2/(n pi)^2 exp(-(n pi)^2 tau)],   tau = H k t/h^2, V = displacement/ramp_duration,
+        P = (V h/k) [tau + 1/3 - sum 2/(n pi)^2 exp(-(n pi)^2 tau)],   tau = H k t/h^2,
 
-    and afterwards the same less its value one ``ramp_duration`` (s) ago; in the end H displacement/h.
+    V being the speed, and afterwards the same less its value one ``ramp_duration`` (s) ago; in the end H
+    displacement/h.
     """
     rate = aggregate_modulus * permeability / height**2
     moving = ramp_influx(rate * time) - ramp_influx(rate * (time - ramp_duration))

@@ -1,13 +1,13 @@
 """Swelling and compression of a column by small steps of load or bath: the linear solution, exact in time.
 
-About a uniform state at rest the balances of a column become coupled diffusion of its contents m = (J, J n_f c-),
+About a uniform state at rest the balances of a column are coupled diffusion of its contents, J and J n_f c-:
 
     dm/dt = D d2m/dx2,   D = J0 L H,
 
-x being the current coordinate from the filter. H = dy/dm is the stiffness of the potentials y = (mu_f, ln c~) and L
-the mobility in (q, j-) = -L grad y with the electric potential eliminated by i = 0. A step of load or bath changes m
-at the filter at once and in the rest of the column as ``slab.profile_uptake``, once for each eigenvalue of D. The
-biphasic and biphasic-swelling models are the same with one content, J.
+x being the current coordinate from the filter. H = dy/dm is the stiffness of the potentials y = (mu_f,
+ln c~) and L the mobility in (q, j-) = -L grad y with the electric potential eliminated by i = 0. A step of
+load or bath changes m at the filter at once and in the rest of the column as ``slab.profile_uptake``, once
+for each eigenvalue of D. The biphasic and biphasic-swelling models are the same with one content, J.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from fvswell.electrochemistry import (
     osmotic_pressure,
 )
 from fvswell.equilibrium import equilibrium_volume_ratio
-from fvswell.exact.slab import mean_uptake, profile_uptake
+from fvswell.exact.slab import mean_uptake, profile_uptake, relaxation_time
 from fvswell.models import Mixture
 from fvswell.permeability import open_circuit_permeability
 from fvswell.solid import uniaxial_stress
@@ -93,7 +93,8 @@ class LinearColumn:
         """H, the derivative of the potentials by the contents, shape ``(rows, contents, contents)``."""
         J, step = self.volume_ratio, 1j * _COMPLEX_STEP
         if not self.mixture.model.transports_ions:
-            mu_f = self._stress(J + step) - self.mixture.osmotic_pressure(J + step, self.log_concentration)
+            stress = uniaxial_stress(self.mixture.tissue, J + step)
+            mu_f = stress - self.mixture.osmotic_pressure(J + step, self.log_concentration)
             return mu_f.imag[:, :, None] / _COMPLEX_STEP
         salt = self.mixture.contents(J, self.log_concentration)[1]
         columns = (self._potentials(J + step, salt), self._potentials(J, salt + step))
@@ -127,9 +128,10 @@ class LinearColumn:
     def diffusivities(self) -> Array:
         """Eigenvalues of D, mm2/s, largest first, shape ``(rows, contents)``.
 
-        They are complex where osmotic pressure and salt do not derive from one free energy (osmotic coefficients
-        other than 1) and the two are close. Two eigenvalues are kept at least 2e-5 of their mean apart: functions
-        of D are formed by interpolation between them, which then costs 1e-10 and not all digits.
+        They are complex where osmotic pressure and salt do not derive from one free energy (osmotic
+        coefficients other than 1) and the two are close. Two eigenvalues are kept at least 2e-5 of their
+        mean apart: functions of D are formed by interpolation between them, which then costs 1e-10 and not
+        all digits.
         """
         D = self.diffusion
         if D.shape[-1] == 1:
@@ -138,13 +140,13 @@ class LinearColumn:
         square = 0.25 * (D[:, 0, 0] - D[:, 1, 1]) ** 2 + D[:, 0, 1] * D[:, 1, 0]
         least = (_SMALLEST_GAP * mean) ** 2
         square = np.where(np.abs(square) < least, least, square)
-        half_gap = np.sqrt(square if np.all(square > 0.0) else square.astype(complex))
+        half_gap = np.sqrt(square.astype(complex) if np.any(square < 0.0) else square)
         return np.stack([mean + half_gap, mean - half_gap], axis=-1)
 
     def boundary_change(
         self, delta_pressure: Array | float = 0.0, delta_concentration: Array | float = 0.0
     ) -> Array:
-        """Change of the contents at the filter, and of the whole column in the end, shape ``(rows, contents)``.
+        """Change of the contents at the filter at once and everywhere in the end, ``(rows, contents)``.
 
         Parameters
         ----------
@@ -157,7 +159,8 @@ class LinearColumn:
         delta_log = delta_concentration / np.exp(self.log_concentration)
         water = -delta_pressure + np.zeros_like(self.volume_ratio)
         if self.mixture.model.swelling:
-            water = water - bath_osmotic_pressure(bath, tissue.thermal_energy, np.asarray(delta_concentration))
+            delta_bath = np.asarray(delta_concentration)
+            water = water - bath_osmotic_pressure(bath, tissue.thermal_energy, delta_bath)
         if self.mixture.model.transports_ions:
             change = np.stack(np.broadcast_arrays(water, delta_log), axis=-1)[:, 0]
         else:  # the salt in the column follows the bath at once
@@ -196,6 +199,18 @@ class LinearColumn:
         value = mean_uptake(self._slab_time(time)) * share[..., None]
         return value.sum(axis=1).real
 
+    def relaxation_time(self, fraction: float) -> Array:
+        """Time (s) in which a model without ions comes to a fraction of its final strain, ``(rows,)``.
+
+        Raises
+        ------
+        ValueError
+            If ions are transported: their time scale depends on what is changed.
+        """
+        if self.mixture.model.transports_ions:
+            raise ValueError(f"the {self.mixture.model.name} model has no single relaxation time")
+        return relaxation_time(fraction) * self.current_height**2 / self.diffusivities[:, 0]
+
     def global_strain(
         self,
         time: Array,
@@ -221,7 +236,7 @@ class LinearColumn:
         Parameters
         ----------
         position
-            Distance from the filter in the state linearised about, mm, shape ``(points,)`` or ``(rows, points)``.
+            Distance from the filter in the state linearised about, mm; ``(points,)`` or ``(rows, points)``.
         time, delta_pressure, delta_concentration
             As for ``global_strain``.
 
@@ -230,7 +245,7 @@ class LinearColumn:
         ValueError
             If a position is outside the column.
         """
-        xi = np.atleast_2d(position) / self.current_height[:, None]
+        xi: Array = np.atleast_2d(position) / self.current_height[:, None]
         if np.any((xi < 0.0) | (xi > 1.0 + 1e-12)):
             raise ValueError(f"positions must lie in the column, between 0 and {self.current_height} mm")
         boundary = self.boundary_change(delta_pressure, delta_concentration)
@@ -246,28 +261,25 @@ class LinearColumn:
         return ColumnChange(content[:, 0], delta_log + np.zeros_like(water), water - osmotic)
 
     def early_strain(self, boundary_change: Array) -> Array:
-        """Coefficient a in strain = a sqrt(t), which holds while the far end is untouched; shape ``(rows,)``."""
+        """Coefficient a in strain = a sqrt(t), which holds while the far end is untouched; ``(rows,)``."""
         share = self.response(boundary_change)[:, :, 0]
         rate = 2.0 / np.sqrt(np.pi) * (np.sqrt(self.diffusivities) * share).sum(axis=1).real
         return rate / (self.current_height * self.volume_ratio[:, 0])
 
     def flows_backward_first(self, boundary_change: Array) -> Array:
-        """Whether water first flows against the final change of volume (negative osmosis), shape ``(rows,)``."""
+        """Whether water first flows against the final change of volume: negative osmosis; ``(rows,)``."""
         return self.early_strain(boundary_change) * boundary_change[:, 0] < 0.0
 
     @property
     def _osmotic_slope(self) -> Array:
-        """d pi/d ln c~ at fixed J, MPa, shape ``(rows, 1)``."""
+        """Slope d pi/d ln c~ at fixed J, MPa, shape ``(rows, 1)``."""
         shifted = self.log_concentration + 1j * _COMPLEX_STEP
         pi = self.mixture.osmotic_pressure(self.volume_ratio, shifted)
-        return np.imag(pi) / _COMPLEX_STEP + np.zeros_like(self.volume_ratio)
+        return np.asarray(pi).imag / _COMPLEX_STEP + np.zeros_like(self.volume_ratio)
 
     def _slab_time(self, time: Array) -> Array:
         scaled = self.diffusivities / self.current_height[:, None] ** 2
         return scaled[:, :, None] * np.atleast_2d(time)[:, None, :]
-
-    def _stress(self, J: Array) -> Array:
-        return uniaxial_stress(self.mixture.tissue, J)
 
     def _potentials(self, J: Array, salt: Array) -> tuple[Array, Array]:
         """mu_f (up to the applied pressure) and ln c~ as functions of the contents."""
@@ -275,22 +287,21 @@ class LinearColumn:
         anion = salt / (J * fluid_fraction(tissue, J))
         cation = anion + fixed_charge_density(tissue, J)
         log_concentration = 0.5 * np.log(cation * anion / tissue.activity_ratio)
-        return self._stress(J) - osmotic_pressure(tissue, cation, anion), log_concentration
+        return uniaxial_stress(tissue, J) - osmotic_pressure(tissue, cation, anion), log_concentration
 
 
 def salt_outdraws_osmosis(mixture: Mixture, J: Array, log_concentration: Array) -> Array:
     """Whether a salt gradient in a tissue of uniform J moves water toward the weaker solution.
 
-    Water is drawn along by the salt with w R T (S - c_F a/b) grad ln c~, where a, b = c+ D+ -+ c- D-, and held by
-    osmosis with phi_int R T (4 g c~^2/S) grad ln c~. Where the first is larger, a swelling sample can shrink first
-    (negative osmosis). Whether a whole column does so depends also on how the volume diffuses in from the filter,
-    see ``LinearColumn.flows_backward_first``. Shape of ``J``.
+    Water is drawn along by the salt with w R T (S - c_F a/b) grad ln c~, where a, b = c+ D+ -+ c- D-, and
+    held by osmosis with phi_int R T (4 g c~^2/S) grad ln c~. Where the first is larger, a swelling sample
+    can shrink first (negative osmosis). Whether a whole column does so depends also on how the volume
+    diffuses in from the filter, see ``LinearColumn.flows_backward_first``. Shape of ``J``.
     """
     tissue = mixture.tissue
     cation, anion = ion_concentrations(tissue, J, log_concentration)
-    charged = cation * tissue.cation_diffusivity
-    drawn = charged - anion * tissue.anion_diffusivity
-    conductance = charged + anion * tissue.anion_diffusivity
+    from_cation, from_anion = cation * tissue.cation_diffusivity, anion * tissue.anion_diffusivity
+    asymmetry = (from_cation - from_anion) / (from_cation + from_anion)
     total = cation + anion
-    drag = tissue.convection_factor * (total - (cation - anion) * drawn / conductance)
+    drag = tissue.convection_factor * (total - (cation - anion) * asymmetry)
     return drag > tissue.osmotic_coefficient * 4.0 * cation * anion / total

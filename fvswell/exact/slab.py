@@ -1,9 +1,10 @@
 """Diffusion in a slab of unit thickness and unit diffusivity: the kernels of the one-dimensional solutions.
 
-The slab is empty at first; its face at 0 is brought to 1 at time 0 and kept there. Each kernel is written twice, as
-a series of exponentials that converges fast at late times and as a series of images (complementary error functions)
-that converges fast at early times; with the change-over below, the terms left out are smaller than 1e-18 of the
-result. Times may be complex (with a positive real part): the relaxation rates of two coupled diffusions can be.
+The slab is empty at first; its face at 0 is brought to 1 at time 0 and kept there. Each kernel is written
+twice, as a series of exponentials that converges fast at late times and as a series of images
+(complementary error functions) that converges fast at early times; with the change-over below, the terms
+left out are smaller than 1e-18 of the result. Times may be complex (with a positive real part): the
+relaxation rates of two coupled diffusions can be.
 """
 
 from __future__ import annotations
@@ -34,8 +35,9 @@ def mean_uptake(time: Array) -> Array:
 
 
 def profile_uptake(position: Array, time: Array) -> Array:
-    """Value at ``position`` (0 to 1) when the face at 1 is closed: 1 - sum 2/lambda_n sin(lambda_n x) exp(...).
+    """Value at ``position`` (0 to 1) when the face at 1 is closed.
 
+    1 - sum 2/lambda_n sin(lambda_n x) exp(-lambda_n^2 t), lambda_n = (n + 1/2) pi.
     ``position`` and ``time`` broadcast. At time 0 the value is 1 on the face at 0 and 0 inside.
     """
     position, time = np.broadcast_arrays(position, time)
@@ -52,12 +54,16 @@ def ramp_influx(time: Array) -> Array:
 
 @lru_cache
 def relaxation_time(fraction: float) -> float:
-    """Time at which ``mean_uptake`` reaches ``fraction`` (between 0 and 1, both excluded) of its final value."""
+    """Time at which ``mean_uptake`` reaches ``fraction`` of its final value, a number between 0 and 1."""
     if not 0.0 < fraction < 1.0:
         raise ValueError(f"the fraction of the final value must be between 0 and 1, not {fraction}")
     # of the series the first exponential is the largest, and all of them add up to at most exp(-lambda_0^2 t)
     latest = -4.0 / np.pi**2 * np.log(1.0 - fraction)
-    return float(brentq(lambda t: mean_uptake(np.array(t)) - fraction, 0.0, latest, xtol=1e-15, rtol=1e-14))
+
+    def excess(time: float) -> float:
+        return float(mean_uptake(np.array(time))) - fraction
+
+    return float(brentq(excess, 0.0, latest, xtol=1e-15, rtol=1e-14))
 
 
 def _early_or_late(
@@ -89,11 +95,12 @@ def _mean_early(time: Array) -> Array:
 def _mean_late(time: Array) -> Array:
     # the exponents are odd squares, (2n + 1)^2, which differ by multiples of 8: powers of one exponential
     decay = np.exp(-0.25 * np.pi**2 * time)
-    eighth, ratio, rest = decay**8, np.ones_like(decay), np.zeros_like(decay)
-    for n in range(_EXPONENTIALS):
-        rest += decay / (2 * n + 1) ** 2
-        ratio = ratio * eighth
-        decay = decay * ratio
+    eighth = np.square(np.square(np.square(decay)))
+    rest, ratio = decay.copy(), eighth.copy()
+    for n in range(1, _EXPONENTIALS):
+        decay *= ratio
+        rest += decay * (1.0 / (2 * n + 1) ** 2)
+        ratio *= eighth
     return 1.0 - 8.0 / np.pi**2 * rest
 
 

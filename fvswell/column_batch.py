@@ -1,0 +1,186 @@
+"""From cases to columns: N cases on one grid become N rows of one system, ready to march."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from fvswell.case import Case
+from fvswell.case_values import Ramp, final_value
+from fvswell.column import Column
+from fvswell.electrochemistry import ion_concentrations
+from fvswell.equilibrium import equilibrium_volume_ratio
+from fvswell.grid import ColumnGrid, column_grid
+from fvswell.models import MODELS, Mixture, Model
+from fvswell.newton import ColumnSystem
+from fvswell.permeability import hydraulic_permeability, open_circuit_permeability
+from fvswell.protocol import Drive, Protocol
+from fvswell.solid import aggregate_modulus
+from fvswell.stock_terms import StockTermsTransport
+from fvswell.time_stepping import BACKWARD_EULER, SDIRK2, State, StepControl
+from fvswell.tissue import Array, Tissue
+from fvswell.transport_term import CoupledTransportTerm
+
+__all__ = ["ColumnBatch"]
+
+_SMALLEST_SCALE = 1e-8  # strain that errors are judged by where nothing is expected to happen
+_FIRST_STEP = 0.1  # of the time in which the finest cell consolidates
+
+
+@dataclass(frozen=True)
+class ColumnBatch:
+    """Columns that differ in tissue, bath and protocol, but share grid, model, phases and time scheme."""
+
+    cases: Sequence[Case]
+    grid: ColumnGrid
+    cells: Mixture
+    system: ColumnSystem
+    initial_volume_ratio: Array  # (rows, cells): equilibrated with the first bath, no load
+
+    @classmethod
+    def of(cls, cases: Sequence[Case], model: Model | None = None) -> ColumnBatch:
+        """Columns of cases that differ in values only; ``model`` replaces the cases' own."""
+        first = cases[0]
+        model = model or MODELS[first.model]
+        grid = column_grid(first.geometry.height, first.geometry.cells, first.geometry.grading)
+        concentration = np.array([[case.bath.concentration] for case in cases])
+        bath_coefficient = np.array([[case.bath.osmotic_coefficient] for case in cases])
+        cells = Mixture(model, _stacked([case.tissue_at(grid.centres) for case in cases]), bath_coefficient)
+        faces = Mixture(model, _stacked([case.tissue_at(grid.nodes[:-1]) for case in cases]), bath_coefficient)
+        J = equilibrium_volume_ratio(cells.tissue, 0.0, concentration, bath_coefficient, model.swelling)
+        J = np.broadcast_to(J, (len(cases), len(grid.widths))).copy()
+        if model.open_circuit and first.open_circuit_permeability != "state":
+            fixed = first.open_circuit_permeability == "initial"
+            ratio = _open_circuit_ratio(faces.tissue, grid.face_stretch(J), np.log(concentration))
+            faces = replace(faces, open_circuit_ratio=ratio if fixed else np.ones((1, 1)))
+        transport = StockTermsTransport if first.assembly == "stock-terms" else CoupledTransportTerm
+        return cls(cases, grid, cells, ColumnSystem(transport(grid, Column(cells, faces))), J)
+
+    @property
+    def model(self) -> Model:
+        """Model of all rows."""
+        return self.cells.model
+
+    @property
+    def initial_height(self) -> Array:
+        """Height of the equilibrated columns, (rows,), mm."""
+        return self.initial_volume_ratio @ self.grid.widths
+
+    def start(self) -> State:
+        """State of the equilibrated columns."""
+        rows, cells = self.initial_volume_ratio.shape
+        bath = np.array([case.bath.concentration for case in self.cases])
+        unknowns = np.zeros((len(self.model.balances), rows, cells))
+        unknowns[0] = self.initial_volume_ratio
+        if self.model.transports_ions:
+            unknowns[1] = np.log(bath)[:, None]
+        log_concentration = np.broadcast_to(np.log(bath)[:, None], (rows, cells))
+        return State(
+            unknowns=unknowns,
+            loads={"pressure": np.zeros(rows), "height": self.initial_height, "bath": bath},
+            contents=self.cells.contents(unknowns[0], log_concentration).copy(),
+            fluxes=np.zeros((*unknowns.shape[:2], cells + 1)),
+            phase=np.zeros(rows, dtype=int), time=np.zeros(rows), elapsed=np.zeros(rows),
+        )  # fmt: skip
+
+    def drives(self) -> dict[str, Drive]:
+        """Driven quantities over the phases; the bath keeps its value where a phase does not name it."""
+        shape = (len(self.cases), len(self.cases[0].phase))
+        target = {name: np.full(shape, np.nan) for name in ("pressure", "height", "bath")}
+        over = {name: np.zeros(shape) for name in target}
+        for row, case in enumerate(self.cases):
+            bath: float = case.bath.concentration
+            for p, phase in enumerate(case.phase):
+                loads = {"bath": phase.bath_concentration, "pressure": phase.piston_pressure,
+                         "height": phase.piston_displacement}  # fmt: skip
+                for name, load in loads.items():
+                    if load is not None:
+                        target[name][row, p] = final_value(load)
+                        over[name][row, p] = load.over if isinstance(load, Ramp) else 0.0
+                bath = bath if np.isnan(target["bath"][row, p]) else target["bath"][row, p]
+                target["bath"][row, p] = bath
+        target["height"] += self.initial_height[:, None]
+        return {name: Drive(target[name], over[name]) for name in target}
+
+    def protocol(self, duration: Array) -> Protocol:
+        """Protocol with phases of the given durations, ``(rows, phases)``, s."""
+        drives = self.drives()
+        targets = []
+        for p in range(duration.shape[1]):
+            hits = [drive.over[:, p, None] for drive in drives.values()]
+            hits.append(duration[:, p, None] * self._fractions)
+            hits.append(self.output_times(duration, p))
+            targets.append(np.sort(np.concatenate(hits, axis=1), axis=1))
+        return Protocol(duration, drives, tuple(targets))
+
+    def output_times(self, duration: Array, phase: int) -> Array:
+        """Requested output times within a phase, since it began, ``(rows, times)``; inf where it has none."""
+        times = np.array(self.cases[0].output.times or ())
+        began = duration[:, :phase].sum(axis=1)[:, None]
+        within = (times > began) & (times <= began + duration[:, phase, None])
+        return np.where(within, times - began, np.inf)
+
+    @property
+    def _fractions(self) -> Array:
+        """Ends of the given steps, as fractions of a phase; the phase's end alone where the error chooses the steps."""
+        time = self.cases[0].time
+        steps = time.steps_per_phase if time.scheme == "backward-euler" else 1
+        return np.arange(1, steps + 1) / steps
+
+    def control(self) -> StepControl:
+        """How the steps are chosen."""
+        time = self.cases[0].time
+        if time.scheme == "backward-euler":
+            return StepControl(BACKWARD_EULER)
+        return self.error_control(time.tolerance, time.max_step or np.inf)
+
+    def error_control(self, tolerance: float, max_step: float = np.inf) -> StepControl:
+        """SDIRK2 with steps chosen by the error; ``tolerance`` is relative to the largest equilibrium strain."""
+        stiffness = self.cells.tissue.hydraulic_permeability * aggregate_modulus(self.cells.tissue)
+        first = _FIRST_STEP * float(self.grid.widths.min()) ** 2 / float(stiffness.max())
+        return StepControl(SDIRK2, tolerance * self.largest_strain(), max_step, first)
+
+    def consolidation_time(self) -> Array:
+        """h^2/(k H) of the equilibrated columns, H being the aggregate modulus at J = 1, (rows,), s."""
+        tissue = self.cells.tissue
+        slowest = (tissue.hydraulic_permeability * aggregate_modulus(tissue)).min(axis=1)
+        return self.initial_height**2 / slowest
+
+    def equilibrium_heights(self) -> Array:
+        """Height at rest under the loads that each phase ends with, ``(rows, phases)``, mm."""
+        drives, tissue = self.drives(), self.cells.tissue
+        heights = drives["height"].target.copy()
+        for p in range(heights.shape[1]):
+            J = equilibrium_volume_ratio(
+                tissue, np.nan_to_num(drives["pressure"].target[:, p, None]), drives["bath"].target[:, p, None],
+                self.cells.bath_osmotic_coefficient, self.model.swelling,
+            )  # fmt: skip
+            free = np.broadcast_to(J, self.initial_volume_ratio.shape) @ self.grid.widths
+            heights[:, p] = np.where(np.isnan(drives["pressure"].target[:, p]), heights[:, p], free)
+        return heights
+
+    def largest_strain(self) -> Array:
+        """Largest equilibrium strain of the protocol, ``(rows,)``."""
+        strain = self.equilibrium_heights() / self.initial_height[:, None] - 1.0
+        return np.maximum(np.abs(strain).max(axis=1), _SMALLEST_SCALE)
+
+
+def _stacked(tissues: Sequence[Tissue]) -> Tissue:
+    """One tissue with a row for each; a property that is the same in all keeps a single row."""
+
+    def stack(name: str) -> Array:
+        values = [getattr(tissue, name) for tissue in tissues]
+        if all(value is values[0] or np.array_equal(value, values[0]) for value in values):
+            return values[0]
+        return np.concatenate(np.broadcast_arrays(*values), axis=0)
+
+    arrays = {field.name: stack(field.name) for field in fields(Tissue) if field.name != "solid"}
+    return Tissue(solid=tissues[0].solid, **arrays)
+
+
+def _open_circuit_ratio(tissue: Tissue, J: Array, log_concentration: Array) -> Array:
+    """k_open/k at the given state."""
+    cation, anion = ion_concentrations(tissue, J, log_concentration)
+    return open_circuit_permeability(tissue, J, cation, anion) / hydraulic_permeability(tissue, J)

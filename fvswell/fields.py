@@ -1,0 +1,82 @@
+"""What a result holds: name, unit and meaning of every field, in one table.
+
+Locations: ``global`` (one value a time), ``cell``, ``node`` (the nodes of a column are its faces), ``face`` (cells of a
+2D grid), ``edge`` (faces between them) and ``step`` (history of the solver).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["FIELDS", "Field"]
+
+
+@dataclass(frozen=True)
+class Field:
+    """Metadata of a field; units as UDUNITS reads them."""
+
+    units: str
+    long_name: str
+    location: str
+    cell_methods: str = "time: point"
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        """Attributes of the variable in a file."""
+        return {
+            "units": self.units, "long_name": self.long_name, "location": self.location,
+            "cell_methods": self.cell_methods,
+        }  # fmt: skip
+
+
+_CONCENTRATION, _ION_FLUX, _STRESS = "mmol mm-3", "mmol mm-2 s-1", "N mm-2"
+
+
+def _ion_fluxes(ion: str) -> dict[str, Field]:
+    total = {f"{ion}_flux": Field(_ION_FLUX, f"{ion} flux relative to the solid, positive along +x", "node")}
+    parts = {
+        f"{ion}_flux_{part}": Field(_ION_FLUX, f"part of the {ion} flux by {part}", "node")
+        for part in ("convection", "diffusion", "migration")
+    }
+    return total | parts
+
+
+FIELDS: dict[str, Field] = {
+    "global_strain": Field("1", "height over height of the equilibrated sample, less one", "global"),
+    "global_strain_from_stress_free": Field("1", "height over height of the stress-free solid, less one", "global"),
+    "height": Field("mm", "height of the column", "global"),
+    "applied_pressure": Field(_STRESS, "pressure of the piston, compression positive", "global"),
+    "bath_concentration": Field(_CONCENTRATION, "salt concentration of the bath", "global"),
+    "volume_ratio": Field("1", "current over stress-free volume, J", "cell"),
+    "fluid_fraction": Field("1", "volume fraction of the fluid", "cell"),
+    "fluid_pressure": Field(_STRESS, "pressure of the fluid", "cell"),
+    "water_potential": Field(_STRESS, "electrochemical potential of the water per volume", "cell"),
+    "effective_stress": Field(_STRESS, "axial Cauchy stress of the solid, tension positive", "cell"),
+    "osmotic_pressure": Field(_STRESS, "osmotic pressure in the tissue", "cell"),
+    "fixed_charge_density": Field(_CONCENTRATION, "fixed negative charge per volume of fluid", "cell"),
+    "cation_concentration": Field(_CONCENTRATION, "cations per volume of fluid", "cell"),
+    "anion_concentration": Field(_CONCENTRATION, "anions per volume of fluid", "cell"),
+    "virtual_concentration": Field(
+        _CONCENTRATION, "concentration of the solution that would be in equilibrium with the tissue", "cell"
+    ),
+    "electric_potential": Field("mV", "electric potential in the tissue relative to the grounded bath", "cell"),
+    "displacement": Field("mm", "displacement from the stress-free position, positive along +x", "node"),
+    "water_flux": Field("mm s-1", "volume flux of water relative to the solid, positive along +x", "node"),
+    **_ion_fluxes("cation"),
+    **_ion_fluxes("anion"),
+    "current_density": Field("A mm-2", "electric current density, positive along +x", "node"),
+    **{
+        f"{balance}_balance_error": Field(
+            "1",
+            f"largest mismatch of the {balance} balance in a step since the last output, relative to what crossed the "
+            "boundary",
+            "global",
+            "time: maximum",
+        )
+        for balance in ("volume", "anion", "cation", "charge")
+    },
+    "step_time": Field("s", "end of the step", "step", "step: point"),
+    "step_size": Field("s", "length of the step", "step", "step: point"),
+    "step_iterations": Field("1", "Newton iterations in all stages of the step", "step", "step: sum"),
+    "step_residual": Field("1", "largest residual left, relative to a cell's content", "step", "step: maximum"),
+}

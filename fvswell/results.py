@@ -1,0 +1,202 @@
+"""Result files: netCDF by the CF conventions, written as the run goes on, never half written.
+
+A file grows under the name ``NAME.nc.part`` and gets its own name when it is closed. Its ``run_status`` is "complete" or
+tells when and why the run stopped. The case is in it, whole, so it can be run again from the file alone.
+"""
+
+from __future__ import annotations
+
+import datetime
+import platform
+from collections.abc import Mapping, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import netCDF4
+import numpy as np
+import xarray as xr
+
+import fvswell
+from fvswell.case import Case
+from fvswell.errors import OutputError
+from fvswell.fields import FIELDS
+from fvswell.tissue import Array
+
+__all__ = ["COMPLETE", "Layout", "ResultFile", "in_memory", "read_case", "read_result"]
+
+COMPLETE = "complete"
+REFERENCE = (
+    "Wilson W, van Donkelaar CC, Huyghe JM (2005) A comparison between mechano-electrochemical and biphasic swelling "
+    "theories for soft hydrated tissues. J Biomech Eng 127, 158-165, doi:10.1115/1.1835361"
+)
+
+Record = Mapping[str, Array]
+
+
+class Layout:
+    """Dimensions, coordinates and attributes of a result, before there is any record of it.
+
+    Parameters
+    ----------
+    dimensions
+        Size of every dimension but time and step.
+    coordinates
+        Variables without time: name to (dimensions, values, attributes).
+    location_dimensions
+        Dimension of each location that a field may have (see `fvswell.fields`).
+    case
+        The case, resolved.
+    comment
+        What else a reader should know.
+    """
+
+    def __init__(
+        self,
+        dimensions: Mapping[str, int],
+        coordinates: Mapping[str, tuple[tuple[str, ...], Array, Mapping[str, Any]]],
+        location_dimensions: Mapping[str, str],
+        case: Case,
+        comment: str,
+        conventions: str = "CF-1.11",
+    ) -> None:
+        self.dimensions, self.coordinates = dimensions, coordinates
+        self.location_dimensions = location_dimensions
+        now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+        versions = {name: metadata.version(name) for name in ("fipy", "numpy", "scipy", "xarray", "netCDF4")}
+        self.attributes = {
+            "Conventions": conventions,
+            "title": case.title,
+            "institution": "fvswell",
+            "source": f"fvswell {fvswell.__version__}, {case.model} model",
+            "history": f"{now} computed by fvswell {fvswell.__version__}",
+            "references": REFERENCE,
+            "comment": comment,
+            "model": case.model,
+            "case_toml": case.to_toml(),
+            "case_sha256": case.sha256,
+            "package_versions": ", ".join(
+                [f"python {platform.python_version()}", *(f"{k} {v}" for k, v in versions.items())]
+            ),
+        }
+
+    def field_dimensions(self, name: str) -> tuple[str, ...]:
+        """Dimensions of a field."""
+        location = FIELDS[name].location
+        if location == "step":
+            return ("step",)
+        return ("time",) if location == "global" else ("time", self.location_dimensions[location])
+
+
+_TIME_ATTRIBUTES = {"units": "s", "long_name": "time since the load first changed", "axis": "T"}
+
+
+class ResultFile:
+    """A result file that grows with the run.
+
+    Raises
+    ------
+    OutputError
+        If the file is there already and may not be replaced, or cannot be written.
+    """
+
+    def __init__(self, path: Path, layout: Layout, replace: bool = False) -> None:
+        refuse_existing(path, replace)
+        self.path, self.layout = path, layout
+        self._part = path.with_name(path.name + ".part")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = netCDF4.Dataset(self._part, "w", format="NETCDF4")
+        except OSError as error:
+            raise OutputError(f"{self._part}: cannot be written: {error.strerror or error}") from None
+        self._file.setncatts(layout.attributes | {"run_status": "running"})
+        for name, size in (*layout.dimensions.items(), ("time", None), ("step", None)):
+            self._file.createDimension(name, size)
+        for name, (dimensions, values, attributes) in layout.coordinates.items():
+            fill = attributes.get("_FillValue")
+            variable = self._file.createVariable(name, np.asarray(values).dtype, dimensions, fill_value=fill)
+            variable.setncatts({key: value for key, value in attributes.items() if key != "_FillValue"})
+            variable[...] = values
+        self._file.createVariable("time", "f8", ("time",)).setncatts(_TIME_ATTRIBUTES)
+
+    def append(self, time: float, record: Record) -> None:
+        """Add a record at the end of the time axis."""
+        index = len(self._file.dimensions["time"])
+        self._file["time"][index] = time
+        self._put(index, record)
+
+    def append_steps(self, history: Mapping[str, Sequence[float]]) -> None:
+        """Add the solver's history of some steps."""
+        start = len(self._file.dimensions["step"])
+        for name, values in history.items():
+            self._variable(name)[start : start + len(values)] = values
+
+    def close(self, status: str) -> None:
+        """Finish the file and give it its name."""
+        self._file.run_status = status
+        self._file.close()
+        self._part.replace(self.path)
+
+    def discard(self) -> None:
+        """Leave nothing behind."""
+        self._file.close()
+        self._part.unlink(missing_ok=True)
+
+    def _put(self, index: int, record: Record) -> None:
+        for name, value in record.items():
+            self._variable(name)[index] = value
+
+    def _variable(self, name: str) -> Any:
+        if name not in self._file.variables:
+            variable = self._file.createVariable(name, "f8", self.layout.field_dimensions(name))
+            variable.setncatts(FIELDS[name].attributes)
+        return self._file[name]
+
+
+def in_memory(
+    layout: Layout, times: Sequence[float], records: Sequence[Record], history: Mapping[str, Sequence[float]], status: str
+) -> xr.Dataset:
+    """The result as a dataset, without a file; what `read_result` would give."""
+    dataset = xr.Dataset(attrs=layout.attributes | {"run_status": status})
+    for name, (dimensions, values, attributes) in layout.coordinates.items():
+        dataset[name] = (dimensions, values, dict(attributes))
+    dataset["time"] = ("time", np.array(times), _TIME_ATTRIBUTES)
+    for name in records[0]:
+        values = np.array([record[name] for record in records])
+        dataset[name] = (layout.field_dimensions(name), values, FIELDS[name].attributes)
+    for name, values in history.items():
+        dataset[name] = (layout.field_dimensions(name), np.array(values), FIELDS[name].attributes)
+    return dataset.set_coords([name for name in layout.coordinates if name in dataset])
+
+
+def refuse_existing(path: Path, replace: bool) -> None:
+    """Raise OutputError if the file is there and may not be replaced."""
+    if path.exists() and not replace:
+        raise OutputError(f"{path}: is there already; use --force to replace it")
+
+
+def read_result(path: str | Path) -> xr.Dataset:
+    """Open a result file, whole in memory.
+
+    Raises
+    ------
+    OutputError
+        If there is no such file, or it is not a result of fvswell.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise OutputError(f"{path}: no such file")
+    try:
+        with xr.open_dataset(path, decode_times=False) as file:
+            dataset = file.load()
+    except (OSError, ValueError):
+        raise OutputError(f"{path}: is not a netCDF file") from None
+    if "case_toml" not in dataset.attrs:
+        raise OutputError(f"{path}: is not a result of fvswell (it holds no case)")
+    coordinates = [name for name, variable in dataset.variables.items() if "time" not in variable.dims and variable.dims != ("step",)]
+    return dataset.set_coords(coordinates)
+
+
+def read_case(path: str | Path) -> Case:
+    """The case that a result file was computed from."""
+    return Case.from_toml(read_result(path).attrs["case_toml"], source=str(path))
