@@ -89,9 +89,10 @@ class Case(CaseTable):
         Parameters
         ----------
         changes
-            New values by dotted key, as in a file: ``{"tissue.hindrance_factor": 0.0, "model": "biphasic"}``.
-            A phase goes by its name or its number from 0: ``"phase.loading.piston_pressure"``,
-            ``"phase.0.duration"``. None takes a key away. A key that excludes another one takes its place.
+            New values by dotted key, set in this order, such as
+            ``{"tissue.hindrance_factor": 0.0, "model": "biphasic"}``. A phase goes by its name or its number
+            from 0: ``"phase.loading.piston_pressure"``, ``"phase.0.duration"``. None takes a key away. A key
+            that excludes another one takes its place.
 
         Raises
         ------

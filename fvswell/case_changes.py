@@ -96,7 +96,7 @@ def _changed_array(
 ) -> list[Any]:
     """Copy of an array of tables with one value set in the table of a given name or number."""
     name, *rest = keys
-    names = [item["name"] for item in items]
+    names = [str(item.get("name", "")) if isinstance(item, Mapping) else "" for item in items]
     index = names.index(name) if name in names else int(name) if name.isdecimal() else len(items)
     if index >= len(items):
         near = nearest_name(name, names)

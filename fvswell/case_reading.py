@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
 from fvswell.case_errors import CaseError, Finding, Location, Problem, nearest_name, shown
-from fvswell.case_schema import Table, inner_tables, variant, variant_names
+from fvswell.case_schema import Table, inner_tables, is_array, variant, variant_names
 from fvswell.case_values import ValueType
 
 __all__ = ["allowed_values", "read_tables", "tables_below", "value_type"]
@@ -54,13 +54,14 @@ def read_tables(
 def tables_below(table: type[Table], heading: str = "") -> Iterator[tuple[str, type[Table]]]:
     """All tables of a schema with their headings, such as "[tissue]"."""
     yield heading, table
-    for key, field in table.model_fields.items():
-        is_array = get_origin(field.annotation) is tuple
+    for key in table.model_fields:
         tables = inner_tables(table, key)
         names = {inner: f' with {tag} = "{name}"' for name, (tag, inner) in variant_names(tables).items()}
         for inner in tables:
             told_apart = names[inner] if len(tables) > 1 else ""
-            yield from tables_below(inner, (f"[[{key}]]" if is_array else f"[{key}]") + told_apart)
+            yield from tables_below(
+                inner, (f"[[{key}]]" if is_array(table, key) else f"[{key}]") + told_apart
+            )
 
 
 def value_type(field: FieldInfo) -> ValueType | None:
@@ -118,13 +119,13 @@ def _presence_findings(
         yield Finding((*location, key), message)
     for key, inner in content.items():
         tables = inner_tables(table, key)
-        if not tables:
+        several = is_array(table, key)
+        if not tables or several != isinstance(inner, list | tuple):
             continue
-        is_array = isinstance(inner, list | tuple)
-        for index, part in enumerate(inner if is_array else [inner]):
+        for index, part in enumerate(inner if several else [inner]):
             chosen = variant(tables, part)
             if chosen is not None and isinstance(part, Mapping):
-                place = (*location, key, index) if is_array else (*location, key)
+                place = (*location, key, index) if several else (*location, key)
                 yield from _presence_findings(chosen, part, place)
 
 
@@ -147,7 +148,7 @@ def _finding(root: type[Table], content: Mapping[str, Any], details: Any) -> Fin
         return Finding(location, f"missing; must be given: {allowed_values(field)}{unit}")
     if kind == "literal_error":
         return Finding(location, _one_of(get_args(field.annotation), place.given))
-    heading = f"[[{place.name}]]" if get_origin(field.annotation) is tuple else f"[{place.name}]"
+    heading = f"[[{place.name}]]" if is_array(place.table, place.name) else f"[{place.name}]"
     return Finding(location, f"must be a table with the heading {heading}")
 
 

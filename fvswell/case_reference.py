@@ -23,14 +23,14 @@ A case is a [TOML](https://toml.io) file. `fvswell new NAME` writes a commented 
 `fvswell check CASE` tells everything that is wrong with one at once.
 
 **Quantities** are texts with a unit, such as `"0.5 MPa"`, or plain numbers in the internal units shown below.
-Any unit of the dimension will do: `"0.2 meq/ml"` and `"0.2 M"` are the same concentration, for one equivalent is
-one mole of charge. Conversion is exact: a case gives the same results in whatever units it is written.
+Any unit of the dimension will do: `"0.2 meq/ml"` and `"0.2 M"` are the same concentration, for one equivalent
+is one mole of charge. Conversion is exact: a case gives the same results in whatever units it is written.
 
 **Profiles.** A key marked *varies* also takes `{ depth = [...], value = [...] }`: linear between the depths,
 constant outside them. Depth is the distance from the filter in the stress-free solid. Entries are quantities.
 
-**Loads** marked *ramps* step to the given value when their phase starts. As `{ ramp_to = ..., over = ... }` they
-go there linearly within the time `over`, which must not be longer than the phase.
+**Loads** marked *ramps* step to the given value when their phase starts. As `{ ramp_to = ..., over = ... }`
+they go there linearly within the time `over`, which must not be longer than the phase.
 """
 
 

@@ -44,6 +44,7 @@ __all__ = [
     "TimeStepping",
     "TissueProperties",
     "inner_tables",
+    "is_array",
     "variant",
     "variant_names",
 ]
@@ -315,6 +316,11 @@ class CaseTable(Table):
 def inner_tables(table: type[Table], key: str) -> list[type[Table]]:
     """Tables that a key of a table stands for: several for variants, none for a value or an unknown key."""
     return _tables_in(table.model_fields[key].annotation) if key in table.model_fields else []
+
+
+def is_array(table: type[Table], key: str) -> bool:
+    """Whether a key of a table stands for an array of tables."""
+    return key in table.model_fields and get_origin(table.model_fields[key].annotation) is tuple
 
 
 def variant_names(tables: Iterable[type[Table]]) -> dict[str, tuple[str, type[Table]]]:

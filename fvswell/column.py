@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fvswell.fluxes import FluxDerivatives
 from fvswell.models import Mixture
-from fvswell.solid import uniaxial_stress
+from fvswell.solid import uniaxial_stiffness, uniaxial_stress
 from fvswell.tissue import Array
 
 __all__ = ["Column", "Loads"]
@@ -29,8 +30,8 @@ class Loads(NamedTuple):
 class Column:
     """Local laws of a column, at its cells and at its faces (filter and inner faces).
 
-    ``state_size`` is the number of leading unknowns that the laws depend on by value (J, or J and ln c~); the others
-    enter through their gradients only.
+    The *state* at a point is what the laws depend on by value: (J, ln c~) where ions are transported, else J alone.
+    It leads the unknowns; the others enter through their gradients only.
     """
 
     cells: Mixture
@@ -61,23 +62,44 @@ class Column:
 
     def water_potential(self, state: Array, loads: Loads) -> Array:
         """mu_f = sigma_s(J) + P - pi of the cells, MPa."""
-        J = state[0]
-        stress = uniaxial_stress(self.cells.tissue, J)
-        return stress + loads.applied_pressure - self.cells.osmotic_pressure(J, self.log_concentration(state, loads))
+        stress = uniaxial_stress(self.cells.tissue, state[0])
+        osmotic = self.cells.osmotic_pressure(state[0], self.log_concentration(state, loads))
+        return stress + loads.applied_pressure - osmotic
+
+    def water_potential_derivatives(self, state: Array, loads: Loads) -> Array:
+        """Derivatives of mu_f by the state, shape of ``state``; by the applied pressure it is 1."""
+        osmotic = self.cells.osmotic_pressure_derivatives(state[0], self.log_concentration(state, loads))
+        by_state = np.empty_like(state)
+        for index, slope in enumerate(osmotic):
+            by_state[index] = -slope
+        by_state[0] += uniaxial_stiffness(self.cells.tissue, state[0])
+        return by_state
 
     def contents(self, state: Array, loads: Loads) -> Array:
         """Conserved contents of the cells per reference volume, one for each balance."""
         return self.cells.contents(state[0], self.log_concentration(state, loads))
+
+    def content_derivatives(self, state: Array, loads: Loads) -> Array:
+        """Derivatives of the contents by the state, (balances, state size, rows, cells)."""
+        return self.cells.content_derivatives(state[0], self.log_concentration(state, loads))
 
     def content_scale(self, loads: Loads) -> Array:
         """Natural size of the contents: 1 for J, the bath's concentration for ions; ``(balances, rows, 1)``."""
         concentration = loads.bath_concentration
         return np.stack([np.ones_like(concentration), concentration, concentration][: len(self.balances)])
 
-    def fluxes(self, state: Array, loads: Loads, stretched_gradients: Array) -> Array:
+    def fluxes(self, state: Array, loads: Loads, reference_gradients: Array) -> Array:
         """Fluxes at the faces from *reference* gradients of the potentials; current gradients are these over J."""
         J = state[0]
-        return self.faces.fluxes(J, self.log_concentration(state, loads), stretched_gradients / J)
+        return self.faces.fluxes(J, self.log_concentration(state, loads), reference_gradients / J)
+
+    def flux_derivatives(self, state: Array, loads: Loads, reference_gradients: Array, fluxes: Array) -> FluxDerivatives:
+        """Derivatives of ``fluxes`` (given) by the state and by the reference gradients."""
+        J = state[0]
+        log_concentration = self.log_concentration(state, loads)
+        by_state, by_gradient = self.faces.flux_derivatives(J, log_concentration, reference_gradients / J)
+        by_state[:, 0] -= fluxes / J  # a stretched face sees smaller gradients
+        return FluxDerivatives(by_state, by_gradient / J)
 
     def filter_potentials(self, loads: Loads) -> Array:
         """Potentials at the filter, shape ``(balances, rows, 1)``."""

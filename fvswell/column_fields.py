@@ -6,7 +6,12 @@ import numpy as np
 
 from fvswell.column import Column, Loads
 from fvswell.constants import FARADAY
-from fvswell.electrochemistry import electric_potential, fixed_charge_density, fluid_fraction, ion_concentrations
+from fvswell.electrochemistry import (
+    electric_potential,
+    fixed_charge_density,
+    fluid_fraction,
+    ion_concentrations,
+)
 from fvswell.fluxes import IonFluxParts, ion_flux_parts
 from fvswell.grid import ColumnGrid
 from fvswell.models import Mixture

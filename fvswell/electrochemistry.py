@@ -17,6 +17,7 @@ __all__ = [
     "electric_potential",
     "fixed_charge_density",
     "fluid_fraction",
+    "ion_concentration_derivatives",
     "ion_concentrations",
     "osmotic_pressure",
 ]
@@ -54,6 +55,18 @@ def ion_concentrations(tissue: Tissue, J: Array, log_concentration: Array) -> tu
     square = tissue.activity_ratio * np.exp(2.0 * log_concentration)
     cation = 0.5 * (c_F + np.sqrt(c_F * c_F + 4.0 * square))
     return cation, square / cation
+
+
+def ion_concentration_derivatives(
+    tissue: Tissue, J: Array, cation: Array, anion: Array
+) -> tuple[Array, Array, Array]:
+    """Derivatives of the concentrations: c+ by J, c- by J, and of either by ln c~ (which is the same).
+
+    From c+ - c- = c_F and c+ c- = g c~^2; arguments as `ion_concentrations` takes and gives them.
+    """
+    total = cation + anion
+    share = (anion - cation) / ((J - 1.0 + tissue.fluid_fraction) * total)  # (d c_F/dJ)/S
+    return cation * share, -anion * share, 2.0 * cation * anion / total
 
 
 def osmotic_pressure(tissue: Tissue, cation: Array, anion: Array) -> Array:

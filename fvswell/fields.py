@@ -1,7 +1,8 @@
 """What a result holds: name, unit and meaning of every field, in one table.
 
-Locations: ``global`` (one value a time), ``cell``, ``node`` (the nodes of a column are its faces), ``face`` (cells of a
-2D grid), ``edge`` (faces between them) and ``step`` (history of the solver).
+Locations: ``global`` (one value a time), ``cell``, ``node`` (the nodes of a column are its faces), ``face``
+(cells of a 2D grid), ``edge`` (faces between them), ``phase`` (one value a phase) and ``step`` (history of
+the solver).
 """
 
 from __future__ import annotations
@@ -43,7 +44,9 @@ def _ion_fluxes(ion: str) -> dict[str, Field]:
 
 FIELDS: dict[str, Field] = {
     "global_strain": Field("1", "height over height of the equilibrated sample, less one", "global"),
-    "global_strain_from_stress_free": Field("1", "height over height of the stress-free solid, less one", "global"),
+    "global_strain_from_stress_free": Field(
+        "1", "height over height of the stress-free solid, less one", "global"
+    ),
     "height": Field("mm", "height of the column", "global"),
     "applied_pressure": Field(_STRESS, "pressure of the piston, compression positive", "global"),
     "bath_concentration": Field(_CONCENTRATION, "salt concentration of the bath", "global"),
@@ -59,7 +62,9 @@ FIELDS: dict[str, Field] = {
     "virtual_concentration": Field(
         _CONCENTRATION, "concentration of the solution that would be in equilibrium with the tissue", "cell"
     ),
-    "electric_potential": Field("mV", "electric potential in the tissue relative to the grounded bath", "cell"),
+    "electric_potential": Field(
+        "mV", "electric potential in the tissue relative to the grounded bath", "cell"
+    ),
     "displacement": Field("mm", "displacement from the stress-free position, positive along +x", "node"),
     "water_flux": Field("mm s-1", "volume flux of water relative to the solid, positive along +x", "node"),
     **_ion_fluxes("cation"),
@@ -68,15 +73,21 @@ FIELDS: dict[str, Field] = {
     **{
         f"{balance}_balance_error": Field(
             "1",
-            f"largest mismatch of the {balance} balance in a step since the last output, relative to what crossed the "
-            "boundary",
+            f"largest mismatch of the {balance} balance in a step since the last output, relative to what "
+            "crossed the boundary",
             "global",
             "time: maximum",
         )
         for balance in ("volume", "anion", "cation", "charge")
     },
+    "phase_end": Field("s", "time at which the phase ends", "phase", "phase: point"),
+    "equilibrium_strain": Field(
+        "1", "global strain at rest under the loads that the phase ends with", "phase", "phase: point"
+    ),
     "step_time": Field("s", "end of the step", "step", "step: point"),
     "step_size": Field("s", "length of the step", "step", "step: point"),
     "step_iterations": Field("1", "Newton iterations in all stages of the step", "step", "step: sum"),
-    "step_residual": Field("1", "largest residual left, relative to a cell's content", "step", "step: maximum"),
+    "step_residual": Field(
+        "1", "largest residual left, relative to a cell's content", "step", "step: maximum"
+    ),
 }

@@ -15,11 +15,21 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from fvswell.electrochemistry import fluid_fraction, ion_concentrations
+import numpy as np
+
+from fvswell.electrochemistry import fluid_fraction, ion_concentration_derivatives, ion_concentrations
 from fvswell.permeability import hydraulic_permeability
 from fvswell.tissue import Array, Tissue
 
-__all__ = ["IonFluxParts", "MixtureFluxes", "darcy_flux", "ion_flux_parts", "mixture_fluxes"]
+__all__ = [
+    "FluxDerivatives",
+    "IonFluxParts",
+    "MixtureFluxes",
+    "darcy_flux",
+    "ion_flux_parts",
+    "mixture_flux_derivatives",
+    "mixture_fluxes",
+]
 
 
 class MixtureFluxes(NamedTuple):
@@ -76,6 +86,61 @@ def mixture_fluxes(
         cation=cation * dragged - n_f * tissue.cation_diffusivity * cation_drive,
         anion=anion * dragged - n_f * tissue.anion_diffusivity * anion_drive,
     )
+
+
+class FluxDerivatives(NamedTuple):
+    """Derivatives of the fluxes of water, anion and charge (first axis, as (q, j-, j+ - j-))."""
+
+    by_state: Array  # (3, 2, ...): by J and ln c~, at fixed gradients
+    by_gradient: Array  # (3, 3, ...): by the gradients of mu_f, ln c~ and psi~
+
+
+def mixture_flux_derivatives(
+    tissue: Tissue,
+    J: Array,
+    log_concentration: Array,
+    water_potential_gradient: Array,
+    log_concentration_gradient: Array,
+    potential_gradient: Array,
+) -> FluxDerivatives:
+    """Derivatives of `mixture_fluxes`, whose arguments these are (real)."""
+    cation, anion = ion_concentrations(tissue, J, log_concentration)
+    cation_J, anion_J, by_log = ion_concentration_derivatives(tissue, J, cation, anion)
+    w, RT, n_f = tissue.convection_factor, tissue.thermal_energy, fluid_fraction(tissue, J)
+    n_J = (1.0 - n_f) / J
+    k = hydraulic_permeability(tissue, J)
+    cation_gradient = log_concentration_gradient + potential_gradient
+    anion_gradient = log_concentration_gradient - potential_gradient
+    dragging = -k * w * RT
+    water = -k * water_potential_gradient + dragging * (cation * cation_gradient + anion * anion_gradient)
+    cation_D, anion_D = tissue.cation_diffusivity, tissue.anion_diffusivity
+
+    by_state = np.empty((3, 2, *water.shape))
+    by_state[0, 0] = tissue.permeability_exponent * water + dragging * (
+        cation_J * cation_gradient + anion_J * anion_gradient
+    )
+    by_state[0, 1] = (2.0 * dragging) * by_log * log_concentration_gradient
+    for s, (by_cation, by_anion, by_n) in enumerate(((cation_J, anion_J, n_J), (by_log, by_log, 0.0))):
+        j_cation = w * (by_cation * water + cation * by_state[0, s]) - cation_D * cation_gradient * (
+            by_n * cation + n_f * by_cation
+        )
+        by_state[1, s] = w * (by_anion * water + anion * by_state[0, s]) - anion_D * anion_gradient * (
+            by_n * anion + n_f * by_anion
+        )
+        by_state[2, s] = j_cation - by_state[1, s]
+
+    by_gradient = np.empty((3, 3, *water.shape))
+    by_gradient[0, 0], by_gradient[0, 1] = -k, dragging * (cation + anion)
+    by_gradient[0, 2] = dragging * (cation - anion)
+    cation_mobility, anion_mobility = n_f * cation_D * cation, n_f * anion_D * anion
+    dragged = w * by_gradient[0]
+    by_gradient[1] = anion * dragged
+    by_gradient[1, 1] -= anion_mobility
+    by_gradient[1, 2] += anion_mobility
+    by_gradient[2] = (cation - anion) * dragged
+    by_gradient[2, 1] += anion_mobility - cation_mobility
+    by_gradient[2, 2] -= anion_mobility + cation_mobility
+    return FluxDerivatives(by_state, by_gradient)
 
 
 def ion_flux_parts(

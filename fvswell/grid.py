@@ -38,6 +38,7 @@ class ColumnGrid:
     distances: Array  # (n,) mm
     lower_weight: Array  # (n,)
     upper_weight: Array  # (n,)
+    inner_half: Array  # (n,): one half at inner faces, nothing at the filter, for plain means
 
     def face_stretch(self, J: Array) -> Array:
         """Stretch of the faces, shape of ``J`` (..., n)."""
@@ -70,4 +71,5 @@ def column_grid(height: float, cells: int, grading: float) -> ColumnGrid:
         distances=distances,
         lower_weight=half * np.roll(widths, 1) / distances,
         upper_weight=0.5 * widths / distances,
+        inner_half=half,
     )

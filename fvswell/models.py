@@ -16,12 +16,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fvswell.electrochemistry import bath_osmotic_pressure, fluid_fraction, ion_concentrations, osmotic_pressure
-from fvswell.fluxes import darcy_flux, mixture_fluxes
+from fvswell.electrochemistry import (
+    bath_osmotic_pressure,
+    ion_concentration_derivatives,
+    ion_concentrations,
+    osmotic_pressure,
+)
+from fvswell.fluxes import FluxDerivatives, darcy_flux, mixture_flux_derivatives, mixture_fluxes
 from fvswell.permeability import hydraulic_permeability, open_circuit_permeability
 from fvswell.tissue import Array, Tissue
 
 __all__ = ["BIPHASIC", "BIPHASIC_SWELLING", "ELECTROCHEMICAL", "MODELS", "Mixture", "Model"]
+
+_COMPLEX_STEP = 1e-40  # far below rounding: the imaginary part over it is the derivative exactly
 
 
 @dataclass(frozen=True)
@@ -87,13 +94,35 @@ class Mixture:
             return 0.0
         return osmotic_pressure(self.tissue, *ion_concentrations(self.tissue, J, log_concentration))
 
+    def osmotic_pressure_derivatives(self, J: Array, log_concentration: Array) -> tuple[Array | float, ...]:
+        """Derivatives of pi by J and, where it is an unknown, by ln c~."""
+        if not self.model.swelling:
+            return (0.0,)
+        ions = ion_concentrations(self.tissue, J, log_concentration)
+        cation_J, anion_J, by_log = ion_concentration_derivatives(self.tissue, J, *ions)
+        by_J = osmotic_pressure(self.tissue, cation_J, anion_J)
+        return (by_J, osmotic_pressure(self.tissue, by_log, by_log)) if self.model.transports_ions else (by_J,)
+
     def contents(self, J: Array, log_concentration: Array) -> Array:
         """What each balance conserves, per reference volume: (J, J n_f c-, 0)."""
         if not self.model.transports_ions:
             return J[None]
         _, anion = ion_concentrations(self.tissue, J, log_concentration)
-        salt = J * fluid_fraction(self.tissue, J) * anion
-        return np.stack([J, salt, np.zeros_like(J)])
+        contents = np.zeros((3, *J.shape), dtype=J.dtype)
+        contents[0], contents[1] = J, (J - 1.0 + self.tissue.fluid_fraction) * anion
+        return contents
+
+    def content_derivatives(self, J: Array, log_concentration: Array) -> Array:
+        """Derivatives of the contents by (J, ln c~), (balances, 2, ...), or by J alone, (1, 1, ...)."""
+        if not self.model.transports_ions:
+            return np.ones((1, 1, *J.shape))
+        cation, anion = ion_concentrations(self.tissue, J, log_concentration)
+        _, anion_J, by_log = ion_concentration_derivatives(self.tissue, J, cation, anion)
+        fluid = J - 1.0 + self.tissue.fluid_fraction
+        by_state = np.zeros((3, 2, *J.shape))
+        by_state[0, 0] = 1.0
+        by_state[1, 0], by_state[1, 1] = anion + fluid * anion_J, fluid * by_log
+        return by_state
 
     def permeability(self, J: Array, log_concentration: Array) -> Array:
         """Permeability in Darcy's law of this model, mm4/(N s)."""
@@ -110,3 +139,11 @@ class Mixture:
             return darcy_flux(self.permeability(J, log_concentration), gradients[0])[None]
         flux = mixture_fluxes(self.tissue, J, log_concentration, *gradients)
         return np.stack([flux.water, flux.anion, flux.cation - flux.anion])
+
+    def flux_derivatives(self, J: Array, log_concentration: Array, gradients: Array) -> FluxDerivatives:
+        """Derivatives of `fluxes` by the state, (balances, 2 or 1, ...), and by the gradients, (balances, balances, ...)."""
+        if self.model.transports_ions:
+            return mixture_flux_derivatives(self.tissue, J, log_concentration, *gradients)
+        k = self.permeability(J + 1j * _COMPLEX_STEP, log_concentration)
+        by_state = darcy_flux(k.imag / _COMPLEX_STEP, gradients[0])
+        return FluxDerivatives(by_state[None, None], np.broadcast_to(-k.real, by_state.shape)[None, None])

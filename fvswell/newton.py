@@ -9,19 +9,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import lapack
 
 from fvswell.column import Loads
 from fvswell.system import LoadValues, Solution, Stage
 from fvswell.tissue import Array
-from fvswell.transport_term import BandedJacobian, CoupledTransportTerm, Interval
+from fvswell.transport_term import CoupledTransportTerm, Interval
 
 __all__ = ["ColumnSystem"]
 
 _MAX_ITERATIONS = 25
 _MAX_HALVINGS = 8
 _UPDATE = 1e-9  # change of an unknown (strain, ln c~, psi~) below which the next one would be rounding
-_RESIDUAL = 1e-12  # of a cell's content: converged without asking how large the update was
+_IMBALANCE = 1e-11  # of the largest change of content in a cell: converged whatever the last update was
 _UNBALANCED = 1e-9  # of a cell's content: never accepted above
 _LARGEST_CHANGE = 2.0  # of ln c~ or psi~ in one iteration
 
@@ -84,7 +83,7 @@ class ColumnSystem:
         for iteration in range(1, _MAX_ITERATIONS + 1):
             size = iterate.advance()
             iterate.store(solution, active, iteration)
-            settled = (size < _UPDATE) & (iterate.norm < _UNBALANCED) | (iterate.norm < _RESIDUAL)
+            settled = (size < _UPDATE) & (iterate.norm < _UNBALANCED) | (iterate.norm < _IMBALANCE * iterate.change)
             solution.converged[active[settled]] = True
             going = ~settled & np.isfinite(iterate.norm)
             if not going.any():
@@ -120,8 +119,10 @@ class _Iterate:
         interval = self._interval
         with np.errstate(all="ignore"):  # a trial state may overflow: its norm is then not finite
             self.current = self.term.balance(self.unknowns, interval)
-            self.residual = self.current.residual / self.term.content_scale(interval.loads)
+            scale = self.term.laws.content_scale(interval.loads)
+            self.residual = self.current.residual / (scale * self.term.grid.widths)
             self.norm = np.abs(self.residual).max(axis=(0, 2))
+            self.change = np.abs((self.current.contents - interval.base) / scale).max(axis=(0, 2))
 
     def store(self, solution: Solution, rows: Array, iteration: int) -> None:
         """Put the iterate in its place among all rows."""
@@ -150,17 +151,12 @@ class _Iterate:
         return size
 
     def _newton_step(self) -> tuple[Array, Array]:
-        V, R, n = self.unknowns.shape
-        jacobian = self.term.jacobian(self.unknowns, self._interval)
-        any_held = self.held.any()
-        sides = [self.current.residual, jacobian.pressure] if any_held else [self.current.residual]
-        solved = _solve_bands(jacobian, np.stack(sides)).reshape(len(sides), R, n, V)
-        step = -np.moveaxis(solved[0], -1, 0)
-        if not any_held:
-            return step, np.zeros(R)
-        response, widths = -np.moveaxis(solved[1], -1, 0), self.term.grid.widths
+        step, response = self.term.newton_step(self.unknowns, self._interval, self.current, bool(self.held.any()))
+        pressure_step = np.zeros(len(self.held))
+        if response is None:
+            return step, pressure_step
+        widths = self.term.grid.widths
         gap = self.stage.prescribed["height"] - (self.unknowns[0] + step[0]) @ widths
-        pressure_step = np.zeros(R)
         np.divide(gap, response[0] @ widths, out=pressure_step, where=self.held)
         return step + response * pressure_step[:, None], pressure_step
 
@@ -172,19 +168,3 @@ class _Iterate:
             if len(step) > 1:
                 fraction = np.minimum(fraction, _LARGEST_CHANGE / np.abs(step[1:]).max(axis=(0, 2)))
         return np.minimum(fraction, 1.0)
-
-
-def _solve_bands(jacobian: BandedJacobian, sides: Array) -> Array:
-    """Solve for sides (k, balances, rows, cells); returns (k, unknowns), nan in the rows that have no solution."""
-    rows = sides.shape[2]
-    columns = np.moveaxis(sides, 1, -1).reshape(len(sides), -1)
-    solved = _gbsv(jacobian.bands, jacobian.bandwidth, columns)
-    if rows > 1 and not np.isfinite(solved).all():  # one bad row spoils those behind it: solve each by itself
-        parts = zip(np.split(jacobian.bands, rows), np.split(columns, rows, axis=1), strict=True)
-        solved = np.concatenate([_gbsv(bands, jacobian.bandwidth, part) for bands, part in parts], axis=1)
-    return solved
-
-
-def _gbsv(bands: Array, bandwidth: int, columns: Array) -> Array:
-    _, _, solved, info = lapack.dgbsv(bandwidth, bandwidth, bands.T, columns.T)
-    return solved.T if info == 0 else np.full_like(columns, np.nan)

@@ -1,14 +1,16 @@
 """Result files: netCDF by the CF conventions, written as the run goes on, never half written.
 
-A file grows under the name ``NAME.nc.part`` and gets its own name when it is closed. Its ``run_status`` is "complete" or
-tells when and why the run stopped. The case is in it, whole, so it can be run again from the file alone.
+A file grows under the name ``NAME.nc.part`` and gets its own name when it is closed. Its ``run_status`` is
+"complete" or tells when and why the run stopped. The case is in it, whole, so it can be run again from the
+file alone.
 """
 
 from __future__ import annotations
 
 import datetime
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -23,12 +25,20 @@ from fvswell.errors import OutputError
 from fvswell.fields import FIELDS
 from fvswell.tissue import Array
 
-__all__ = ["COMPLETE", "Layout", "ResultFile", "in_memory", "read_case", "read_result"]
+__all__ = [
+    "COMPLETE",
+    "Layout",
+    "ResultFile",
+    "in_memory",
+    "read_case",
+    "read_result",
+    "refuse_existing",
+]
 
 COMPLETE = "complete"
 REFERENCE = (
-    "Wilson W, van Donkelaar CC, Huyghe JM (2005) A comparison between mechano-electrochemical and biphasic swelling "
-    "theories for soft hydrated tissues. J Biomech Eng 127, 158-165, doi:10.1115/1.1835361"
+    "Wilson W, van Donkelaar CC, Huyghe JM (2005) A comparison between mechano-electrochemical and biphasic "
+    "swelling theories for soft hydrated tissues. J Biomech Eng 127, 158-165, doi:10.1115/1.1835361"
 )
 
 Record = Mapping[str, Array]
@@ -101,14 +111,16 @@ class ResultFile:
     """
 
     def __init__(self, path: Path, layout: Layout, replace: bool = False) -> None:
-        refuse_existing(path, replace)
+        refuse_existing([path], replace)
         self.path, self.layout = path, layout
         self._part = path.with_name(path.name + ".part")
-        try:
+        with self._writing():
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = netCDF4.Dataset(self._part, "w", format="NETCDF4")
-        except OSError as error:
-            raise OutputError(f"{self._part}: cannot be written: {error.strerror or error}") from None
+            self._define()
+
+    def _define(self) -> None:
+        layout = self.layout
         self._file.setncatts(layout.attributes | {"run_status": "running"})
         for name, size in (*layout.dimensions.items(), ("time", None), ("step", None)):
             self._file.createDimension(name, size)
@@ -121,30 +133,40 @@ class ResultFile:
 
     def append(self, time: float, record: Record) -> None:
         """Add a record at the end of the time axis."""
-        index = len(self._file.dimensions["time"])
-        self._file["time"][index] = time
-        self._put(index, record)
+        with self._writing():
+            index = len(self._file.dimensions["time"])
+            self._file["time"][index] = time
+            for name, value in record.items():
+                self._variable(name)[index] = value
 
     def append_steps(self, history: Mapping[str, Sequence[float]]) -> None:
         """Add the solver's history of some steps."""
-        start = len(self._file.dimensions["step"])
-        for name, values in history.items():
-            self._variable(name)[start : start + len(values)] = values
+        with self._writing():
+            start = len(self._file.dimensions["step"])
+            for name, values in history.items():
+                self._variable(name)[start : start + len(values)] = values
 
     def close(self, status: str) -> None:
         """Finish the file and give it its name."""
-        self._file.run_status = status
-        self._file.close()
-        self._part.replace(self.path)
+        with self._writing():
+            self._file.run_status = status
+            self._file.close()
+            self._part.replace(self.path)
 
     def discard(self) -> None:
         """Leave nothing behind."""
-        self._file.close()
+        with suppress(RuntimeError):  # of what cannot be flushed to a full disk, or is closed already
+            self._file.close()
         self._part.unlink(missing_ok=True)
 
-    def _put(self, index: int, record: Record) -> None:
-        for name, value in record.items():
-            self._variable(name)[index] = value
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Errors of the file system and of the netCDF library, told with the file's name."""
+        try:
+            yield
+        except (OSError, RuntimeError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise OutputError(f"{self._part}: cannot be written: {reason}") from None
 
     def _variable(self, name: str) -> Any:
         if name not in self._file.variables:
@@ -154,7 +176,11 @@ class ResultFile:
 
 
 def in_memory(
-    layout: Layout, times: Sequence[float], records: Sequence[Record], history: Mapping[str, Sequence[float]], status: str
+    layout: Layout,
+    times: Sequence[float],
+    records: Sequence[Record],
+    history: Mapping[str, Sequence[float]],
+    status: str,
 ) -> xr.Dataset:
     """The result as a dataset, without a file; what `read_result` would give."""
     dataset = xr.Dataset(attrs=layout.attributes | {"run_status": status})
@@ -162,17 +188,18 @@ def in_memory(
         dataset[name] = (dimensions, values, dict(attributes))
     dataset["time"] = ("time", np.array(times), _TIME_ATTRIBUTES)
     for name in records[0]:
-        values = np.array([record[name] for record in records])
-        dataset[name] = (layout.field_dimensions(name), values, FIELDS[name].attributes)
-    for name, values in history.items():
-        dataset[name] = (layout.field_dimensions(name), np.array(values), FIELDS[name].attributes)
+        series = np.array([record[name] for record in records])
+        dataset[name] = (layout.field_dimensions(name), series, FIELDS[name].attributes)
+    for name, steps in history.items():
+        dataset[name] = (layout.field_dimensions(name), np.array(steps), FIELDS[name].attributes)
     return dataset.set_coords([name for name in layout.coordinates if name in dataset])
 
 
-def refuse_existing(path: Path, replace: bool) -> None:
-    """Raise OutputError if the file is there and may not be replaced."""
-    if path.exists() and not replace:
-        raise OutputError(f"{path}: is there already; use --force to replace it")
+def refuse_existing(paths: Sequence[Path], replace: bool) -> None:
+    """Raise OutputError if any of the files is there and may not be replaced."""
+    there = [path for path in paths if path.exists()]
+    if there and not replace:
+        raise OutputError("\n".join(f"{path}: is there already; use --force to replace it" for path in there))
 
 
 def read_result(path: str | Path) -> xr.Dataset:
@@ -193,8 +220,9 @@ def read_result(path: str | Path) -> xr.Dataset:
         raise OutputError(f"{path}: is not a netCDF file") from None
     if "case_toml" not in dataset.attrs:
         raise OutputError(f"{path}: is not a result of fvswell (it holds no case)")
-    coordinates = [name for name, variable in dataset.variables.items() if "time" not in variable.dims and variable.dims != ("step",)]
-    return dataset.set_coords(coordinates)
+    return dataset.set_coords(
+        [name for name, variable in dataset.variables.items() if not {"time", "step"} & set(variable.dims)]
+    )
 
 
 def read_case(path: str | Path) -> Case:

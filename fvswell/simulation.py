@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,8 +14,9 @@ from fvswell.column_batch import ColumnBatch
 from fvswell.column_fields import column_fields
 from fvswell.conservation import ConservationBooks
 from fvswell.errors import SolverError
+from fvswell.fields import FIELDS
 from fvswell.relaxation import phase_durations
-from fvswell.results import COMPLETE, Layout, ResultFile, in_memory
+from fvswell.results import COMPLETE, Layout, ResultFile, in_memory, refuse_existing
 from fvswell.time_stepping import Marcher, State, Step
 from fvswell.tissue import Array
 
@@ -31,7 +32,7 @@ class Progress:
     """How far a run is."""
 
     time: float  # s, simulated
-    end: float  # s
+    phase_ends: tuple[float, ...]  # s
     steps: int
     strain: float
 
@@ -42,6 +43,7 @@ def run(
     *,
     path: Path | None = None,
     replace: bool = False,
+    durations: Sequence[float] | None = None,
     report: Callable[[Progress], None] | None = None,
 ) -> xr.Dataset:
     """Simulate a case.
@@ -56,8 +58,10 @@ def run(
         File to write as the run goes on; without it the result is in memory only.
     replace
         Whether a file of that name may be replaced.
+    durations
+        Durations of the phases, s, where `fvswell.relaxation.phase_durations` has found them before.
     report
-        Called after every step.
+        Called at the start and after every step.
 
     Returns
     -------
@@ -75,38 +79,52 @@ def run(
     """
     if model is not None and model != case.model:
         case = case.with_changes({"model": model})
+    if path is not None:
+        refuse_existing([path], replace)
     batch = ColumnBatch.of([case])
-    layout = _layout(batch, case)
+    duration = _found_durations(case) if durations is None else np.array([durations], dtype=float)
+    layout = _layout(batch, case, duration)
     file = ResultFile(path, layout, replace) if path is not None else None
     try:
-        duration = phase_durations([case])
-        if not np.isfinite(duration).all():
-            names = [phase.name for phase, d in zip(case.phase, duration[0], strict=True) if not np.isfinite(d)]
-            raise SolverError(
-                f"{case.source}: the biphasic-swelling model does not relax in phase {names[0]}; give its duration in s"
-            )
         recorder = _Recorder(batch, duration, file, report)
-        marcher = Marcher(batch.system, batch.protocol(duration), batch.control(), recorder.state, [recorder])
+        marcher = Marcher(
+            batch.system, batch.protocol(duration), batch.control(), recorder.state, [recorder]
+        )
         marcher.run()
         status = recorder.status(marcher)
+        recorder.finish()
+        if file is not None:
+            file.close(status)
     except BaseException:
         if file is not None:
             file.discard()
         raise
-    recorder.finish()
-    if file is not None:
-        file.close(status)
     result = in_memory(layout, recorder.times, recorder.records, recorder.history, status)
     if status != COMPLETE:
         raise SolverError(f"{case.source}: {status}", result)
     return result
 
 
-def _layout(batch: ColumnBatch, case: Case) -> Layout:
+def _found_durations(case: Case) -> Array:
+    duration = phase_durations([case])
+    for phase, seconds in zip(case.phase, duration[0], strict=True):
+        if not np.isfinite(seconds):
+            raise SolverError(
+                f"{case.source}: the biphasic-swelling model does not relax in phase {phase.name}; "
+                "give its duration in s"
+            )
+    return duration
+
+
+def _layout(batch: ColumnBatch, case: Case, duration: Array) -> Layout:
     grid = batch.grid
     bounds = np.stack([grid.nodes[:-1], grid.nodes[1:]], axis=1)
+    phases = {
+        "phase_end": np.cumsum(duration[0]),
+        "equilibrium_strain": batch.equilibrium_heights()[0] / batch.initial_height[0] - 1.0,
+    }
     return Layout(
-        dimensions={"cell": len(grid.widths), "node": len(grid.nodes), "bound": 2},
+        dimensions={"cell": len(grid.widths), "node": len(grid.nodes), "bound": 2, "phase": len(case.phase)},
         coordinates={
             "x": (
                 ("cell",), grid.centres,
@@ -116,8 +134,9 @@ def _layout(batch: ColumnBatch, case: Case) -> Layout:
             "x_bounds": (("cell", "bound"), bounds, {}),
             "x_node": (
                 ("node",), grid.nodes,
-                {"units": "mm", "long_name": "distance of the nodes from the filter in the stress-free solid"},
+                {"units": "mm", "long_name": "distance of nodes from the filter in the stress-free solid"},
             ),
+            **{name: (("phase",), values, FIELDS[name].attributes) for name, values in phases.items()},
         },
         location_dimensions={"cell": "cell", "node": "node"},
         case=case,
@@ -129,20 +148,26 @@ class _Recorder:
     """Observer that keeps the books, records and the solver's history, and tells of progress."""
 
     def __init__(
-        self, batch: ColumnBatch, duration: Array, file: ResultFile | None, report: Callable[[Progress], None] | None
+        self,
+        batch: ColumnBatch,
+        duration: Array,
+        file: ResultFile | None,
+        report: Callable[[Progress], None] | None,
     ) -> None:
         self.batch, self.file, self.report = batch, file, report
         self.state = batch.start()
         self.books = ConservationBooks(batch.grid.widths, batch.model.balances, rows=1)
         self.every = batch.cases[0].output.every
         self.output_times = [batch.output_times(duration, p)[0] for p in range(duration.shape[1])]
-        self.end = float(duration.sum())
-        self.steps, self.times, self.records = 0, [], []  # type: ignore[var-annotated]
+        self.phase_ends = tuple(np.cumsum(duration[0]).tolist())
+        self.steps = 0
+        self.times: list[float] = []
+        self.records: list[Record] = []
         self.history: dict[str, list[float]] = {
             name: [] for name in ("step_time", "step_size", "step_iterations", "step_residual")
         }
-        self._written = 0
         self._record(self.state)
+        self._tell(self.state)
 
     def __call__(self, state: State, step: Step) -> None:
         self.books(state, step)
@@ -155,9 +180,7 @@ class _Recorder:
             due = self.steps % self.every == 0 or bool(step.ends_phase[0])
         if due:
             self._record(state)
-        if self.report is not None:
-            strain = state.loads["height"][0] / self.batch.initial_height[0] - 1.0
-            self.report(Progress(float(state.elapsed[0]), self.end, self.steps, float(strain)))
+        self._tell(state)
 
     def status(self, marcher: Marcher) -> str:
         """What the result's run_status is to say."""
@@ -176,9 +199,15 @@ class _Recorder:
         if self.file is not None:
             self.file.append_steps(self.history)
 
+    def _tell(self, state: State) -> None:
+        if self.report is not None:
+            strain = float(state.loads["height"][0] / self.batch.initial_height[0] - 1.0)
+            self.report(Progress(float(state.elapsed[0]), self.phase_ends, self.steps, strain))
+
     def _record(self, state: State) -> None:
         batch = self.batch
-        record = column_fields(batch.grid, batch.system.term.laws, state, float(batch.initial_height[0]))
+        fields = column_fields(batch.grid, batch.system.term.laws, state, float(batch.initial_height[0]))
+        record = {name: np.array(value) for name, value in fields.items()}  # the state moves on beneath them
         errors = dict(zip(self.books.balances, self.books.take_error()[:, 0], strict=True))
         if "anion" in errors:
             errors["cation"] = errors["anion"] + errors["charge"]

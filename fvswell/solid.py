@@ -13,7 +13,9 @@ import numpy as np
 
 from fvswell.tissue import Array, Tissue
 
-__all__ = ["SOLIDS", "SolidStress", "aggregate_modulus", "bulk_modulus", "cauchy_stress", "shear_modulus", "uniaxial_stress"]
+__all__ = ["SOLIDS", "SolidStress", "aggregate_modulus", "bulk_modulus", "cauchy_stress", "shear_modulus", "uniaxial_stiffness", "uniaxial_stress"]
+
+_COMPLEX_STEP = 1e-40  # far below rounding: the imaginary part over it is the derivative exactly
 
 
 class SolidStress(NamedTuple):
@@ -105,3 +107,8 @@ def uniaxial_stress(tissue: Tissue, J: Array) -> Array:
     square = J * J
     a0, a1, a2 = _LAWS[tissue.solid](tissue, J, square + 2.0, 2.0 * square + 1.0)
     return a0 + (a1 + a2 * square) * square
+
+
+def uniaxial_stiffness(tissue: Tissue, J: Array) -> Array:
+    """Derivative of `uniaxial_stress` by J (MPa), exact by complex step; ``J`` real."""
+    return uniaxial_stress(tissue, J + 1j * _COMPLEX_STEP).imag / _COMPLEX_STEP

@@ -17,16 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from fvswell.linearisation import NewtonStep
 from fvswell.tissue import Array
-from fvswell.transport_term import (
-    Balance,
-    BandedJacobian,
-    CoupledTransportTerm,
-    Interval,
-    band_storage,
-    complex_step,
-    derivative,
-)
+from fvswell.transport_term import Balance, CoupledTransportTerm, Interval
 
 from fipy import (  # isort: skip  (after fvswell.transport_term, which chooses FiPy's solvers)
     CellVariable,
@@ -52,10 +45,6 @@ class _AlwaysImplicitSourceTerm(ImplicitSourceTerm):  # type: ignore[misc]
 class StockTermsTransport(CoupledTransportTerm):
     """`CoupledTransportTerm` with matrix and residual from FiPy's stock terms; for a single column."""
 
-    def rows(self, index: Array) -> StockTermsTransport:
-        """The term of a subset of the rows."""
-        return StockTermsTransport(self.grid, self.laws.rows(index))
-
     def balance(self, unknowns: Array, interval: Interval) -> Balance:
         """As of the coupled term, the residual being that of the stock terms."""
         balance = super().balance(unknowns, interval)
@@ -65,8 +54,17 @@ class StockTermsTransport(CoupledTransportTerm):
         residual = interval.duration[0, 0] * vector.reshape(V + 1, -1)[:V]  # the last is momentum: exactly zero
         return balance._replace(residual=residual[:, None])
 
-    def jacobian(self, unknowns: Array, interval: Interval) -> BandedJacobian:
+    def newton_step(
+        self, unknowns: Array, interval: Interval, balance: Balance, with_pressure: bool
+    ) -> NewtonStep:
         """As of the coupled term, from the matrix of the stock terms."""
+        matrix, by_pressure = self.matrix(unknowns, interval)
+        sides = np.stack([balance.residual.ravel(), by_pressure], axis=1)
+        steps = -np.linalg.solve(matrix, sides).T.reshape(2, *unknowns.shape)
+        return NewtonStep(steps[0], steps[1] if with_pressure else None)
+
+    def matrix(self, unknowns: Array, interval: Interval) -> tuple[Array, Array]:
+        """Jacobian of the residual, and its derivative by the applied pressure, ordered variable by variable."""
         equations, by_unknowns = self._equations(unknowns, interval)
         equations.cacheMatrix()
         dt = float(interval.duration[0, 0])
@@ -74,63 +72,59 @@ class StockTermsTransport(CoupledTransportTerm):
         V, _, n = unknowns.shape
         blocks = np.array(equations.matrix.numpyArray).reshape(V + 1, n, V + 1, n)[:V]
         matrix = dt * np.einsum("ejvk,vuk->ejuk", blocks, by_unknowns)
-        pressure = dt * blocks[:, :, 1].sum(axis=-1)
-        inside = np.arange(n)
-        diagonal = matrix[:, inside, :, inside].transpose(1, 2, 0)
-        below = matrix[:, inside[1:], :, inside[:-1]].transpose(1, 2, 0)
-        above = matrix[:, inside[:-1], :, inside[1:]].transpose(1, 2, 0)
-        bands, bandwidth = band_storage(diagonal[:, :, None], below[:, :, None], above[:, :, None])
-        return BandedJacobian(bands, bandwidth, pressure[:, None])
+        return matrix.reshape(V * n, V * n), dt * blocks[:, :, 1].sum(axis=-1).ravel()
 
     def _equations(self, unknowns: Array, interval: Interval) -> tuple[Any, Array]:
         """The coupled equations, and the derivative of (V, mu_f, ln c~, psi~) by the unknowns, per cell."""
         loads, S, mesh, widths = interval.loads, self.laws.state_size, self.grid.mesh, self.grid.widths
-        perturbed = complex_step(unknowns[:S])
-        water = self.laws.water_potential(perturbed, loads)
-        contents = self.laws.contents(perturbed, loads)
-        potentials = self._potentials(unknowns, water[0].real)
+        state_now = unknowns[:S]
+        water_slopes = self.laws.water_potential_derivatives(state_now, loads)[:, 0]
+        storage = self.laws.content_derivatives(state_now, loads)[:, :, 0]
+        contents = self.laws.contents(state_now, loads)[:, 0]
+        potentials = unknowns[:, 0].copy()
+        potentials[0] = self.laws.water_potential(state_now, loads)[0]
         bath = self.laws.filter_potentials(loads)
 
         volume = CellVariable(mesh=mesh, name="V", value=unknowns[0, 0] * widths, hasOld=True)
         driving = []
-        for name, value, at_filter in zip(("mu_f", "ln c", "psi"), potentials[:, 0], bath[:, 0, 0], strict=False):
+        for name, value, at_filter in zip(("mu_f", "ln c", "psi"), potentials, bath[:, 0, 0], strict=False):
             variable = CellVariable(mesh=mesh, name=name, value=value, hasOld=True)
             variable.constrain(at_filter, mesh.facesLeft)
             driving.append(variable)
         state = [volume, *driving[1:S]]
         per_volume = np.concatenate([1.0 / widths[None], np.ones((S - 1, len(widths)))])
 
-        mobility, by_state = self._flux_coefficients(unknowns, potentials, interval)
+        mobility, flux_slopes = self._flux_coefficients(unknowns, interval)
         equations = None
         for e in range(len(unknowns)):
-            balance = CellVariable(mesh=mesh, value=(contents[e, 0].real - interval.base[e])[0] / interval.duration[0, 0])
-            for variable, slope, scale in zip(state, derivative(contents)[e, :, 0], per_volume, strict=True):
+            balance = CellVariable(mesh=mesh, value=(contents[e] - interval.base[e, 0]) / interval.duration[0, 0])
+            for variable, slope, scale in zip(state, storage[e], per_volume, strict=True):
                 balance = balance + TransientTerm(coeff=CellVariable(mesh=mesh, value=slope * scale), var=variable)
             for variable, coefficient in zip(driving, mobility[e], strict=True):
                 balance = balance - DiffusionTerm(coeff=FaceVariable(mesh=mesh, value=coefficient), var=variable)
-            for variable, coefficient in zip(state, by_state[e], strict=True):
+            for variable, coefficient in zip(state, flux_slopes[e], strict=True):
                 balance = balance + self._flux_by_state(coefficient, variable)
             equations = balance if equations is None else equations & balance
-        momentum = _AlwaysImplicitSourceTerm(coeff=1.0, var=driving[0]) - CellVariable(mesh=mesh, value=potentials[0, 0])
-        for variable, slope, scale in zip(state, derivative(water)[:, 0], per_volume, strict=True):
+        momentum = _AlwaysImplicitSourceTerm(coeff=1.0, var=driving[0]) - CellVariable(mesh=mesh, value=potentials[0])
+        for variable, slope, scale in zip(state, water_slopes, per_volume, strict=True):
             coefficient = CellVariable(mesh=mesh, value=slope * scale)
             momentum = momentum - _AlwaysImplicitSourceTerm(coeff=coefficient, var=variable) + coefficient * variable.value
 
         by_unknowns = np.zeros((len(unknowns) + 1, len(unknowns), len(widths)))
         by_unknowns[0, 0] = widths
-        by_unknowns[1:] = self._potential_derivative(derivative(water), unknowns.shape)[:, :, 0]
+        by_unknowns[1, :S] = water_slopes
+        for variable in range(1, len(unknowns)):
+            by_unknowns[variable + 1, variable] = 1.0
         return equations & momentum, by_unknowns
 
-    def _flux_coefficients(self, unknowns: Array, potentials: Array, interval: Interval) -> tuple[Array, Array]:
+    def _flux_coefficients(self, unknowns: Array, interval: Interval) -> tuple[Array, Array]:
         """At all faces: L, minus flux by reference gradient (e, p, faces), and flux by (V, ln c~) (e, s, faces)."""
-        face_state = self._face_state(unknowns, interval.loads)
-        gradients = self._reference_gradients(potentials, interval.loads)
-        unit = np.eye(len(unknowns))[:, :, None, None]
-        mobility = -self.laws.fluxes(face_state, interval.loads, unit)[:, :, 0]
-        by_state = derivative(self.laws.fluxes(complex_step(face_state), interval.loads, gradients[:, None]))[:, :, 0]
+        state, loads = self._face_state(unknowns, interval.loads), interval.loads
+        gradients = self._reference_gradients(unknowns, loads)
+        by_state, by_gradient = self.laws.flux_derivatives(state, loads, gradients, self.laws.fluxes(state, loads, gradients))
         by_state[:, 0] /= self.grid.distances  # a face's stretch is the mean of the V beside it over their distance
         piston = ((0, 0), (0, 0), (0, 1))  # nothing passes there
-        return np.pad(mobility, piston), np.pad(by_state, piston)
+        return np.pad(-by_gradient[:, :, 0], piston), np.pad(by_state[:, :, 0], piston)
 
     def _flux_by_state(self, coefficient: Array, variable: Any) -> Any:
         """Change of a flux's divergence with the state at the faces, as terms that vanish at the iterate.

@@ -3,8 +3,9 @@
 import subprocess
 import sys
 
+import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fvswell.units import DIMENSIONS, PLAIN_NUMBER, QuantityError, parse
@@ -83,6 +84,7 @@ def test_example_is_of_its_dimension(dimension):
     assert parse(DIMENSIONS[dimension].example.strip('"'), dimension) > 0.0
 
 
+@settings(deadline=None)  # the first call imports pint
 @given(
     dimension_and_unit=st.sampled_from([(d, u) for d, units in OTHER_UNITS.items() for u in units]),
     number=st.floats(1e-6, 1e6),
@@ -94,16 +96,19 @@ def test_conversion_is_linear_and_is_undone_by_the_inverse_factor(dimension_and_
     assert parse(f"{number / one!r} {unit}", dimension) == pytest.approx(number, rel=1e-15)
 
 
+@settings(deadline=None)  # the first call imports pint
 @given(number=st.floats(allow_nan=False, allow_infinity=False), dimension=st.sampled_from(list(DIMENSIONS)))
 def test_text_in_the_internal_unit_is_the_number_itself(number, dimension):
     assert parse(f"{number!r} {DIMENSIONS[dimension].unit}", dimension) == number
 
 
+@settings(deadline=None)  # the first call imports pint
 @given(kelvin=st.floats(200.0, 400.0))
 def test_celsius_has_an_offset(kelvin):
     assert parse(f"{kelvin - 273.15!r} degC", "temperature") == pytest.approx(kelvin, rel=1e-15)
 
 
+@settings(deadline=None)  # the first call imports pint
 @given(
     names=st.tuples(st.sampled_from(list(OTHER_UNITS)), st.sampled_from(list(OTHER_UNITS))).filter(
         lambda pair: pair[0] != pair[1]
@@ -148,12 +153,14 @@ def test_what_is_no_length_is_refused(value, words):
     assert words in str(caught.value)
 
 
+@settings(deadline=None)  # the first call imports pint
 @given(text=st.text(max_size=20))
-def test_any_text_is_a_number_or_a_clear_refusal(text):
+def test_any_text_is_a_number_or_a_quantity_error(text):
     try:
-        assert isinstance(parse(f"1 {text}", "length"), float)
-    except QuantityError as error:
-        assert "length" in str(error)
+        number = parse(f"1 {text}", "length")
+    except QuantityError:
+        return
+    assert np.isfinite(number)
 
 
 def test_vanishing_number_does_not_fill_the_memory():

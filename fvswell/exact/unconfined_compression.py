@@ -2,8 +2,8 @@
 
 The problem of Armstrong, Lai & Mow (1984). Axial strain e(t) is uniform; water leaves at the rim r = a,
 where pressure and traction are zero. In w = u + e r/2, u the radial displacement, dilatation is
-(1/r) d(r w)/dr, and mass and momentum balance (water flux -dw/dt through a cylinder, grad p = M grad dilatation)
-combine to
+(1/r) d(r w)/dr, and mass and momentum balance (water flux -dw/dt through a cylinder, grad p = M grad
+dilatation) combine to
 
     dw/dt = k M d/dr[(1/r) d(r w)/dr],   M = K + 4G/3,
 

@@ -1,0 +1,230 @@
+"""The transport balances in the cells of a block as one coupled FiPy Term with exact derivatives.
+
+The balance of each quantity over an interval reads, for a cell of reference volume V,
+
+    V (content - base) + dt (sum over faces of the flux outward) = 0
+
+with ``base`` the content the interval starts from, per reference volume, and fluxes in total per face. A flux depends
+on the state at the face (volume ratio of its diamond, mean ln c~) and on the normal gradients of the potentials, linear in
+their differences across and along the face. Potentials are stacked as ``(balances, 1, cells)``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from fvswell.block_diamonds import Diamonds
+from fvswell.block_geometry import diamond_metric, polygon_volume
+from fvswell.block_grid import BlockGrid
+from fvswell.differentiation import local_derivative
+from fvswell.models import Mixture
+from fvswell.tissue import Array
+
+from fipy.terms.unaryTerm import _UnaryTerm  # isort: skip  (after block_grid, which chooses FiPy's solvers)
+
+__all__ = ["BlockBalance", "BlockInterval", "BlockTransportTerm", "FaceState", "TransportDerivatives", "at_points"]
+
+
+class BlockInterval(NamedTuple):
+    """The time a balance is drawn up over: contents it starts from, length in s, and the bath at its end."""
+
+    base: Array  # (balances, 1, cells)
+    duration: float
+    bath_concentration: float  # mmol/mm3
+
+
+class FaceState(NamedTuple):
+    """What the fluxes through the crossed faces depend on; gradients are multiplied by the areas of the faces."""
+
+    volume_ratio: Array  # (1, faces)
+    log_concentration: Array  # (1, faces)
+    gradients: Array  # (balances, 1, faces)
+
+
+class BlockBalance(NamedTuple):
+    """Residual (balances, 1, cells) of the balances, contents, fluxes (balances, 1, crossed faces) and their states."""
+
+    residual: Array
+    contents: Array
+    fluxes: Array
+    faces: FaceState
+
+
+class TransportDerivatives(NamedTuple):
+    """Derivatives of the fluxes and contents by what they depend on locally, axis 0 being the balance."""
+
+    across: Array  # (balances, potentials, crossed): fluxes by differences of potentials across the faces
+    along: Array  # (balances, potentials, crossed): and along them
+    log_concentration: Array  # (balances, crossed): fluxes by mean ln c~
+    points: Array  # (balances, 12, crossed): fluxes by the points of the diamonds, all x before all y
+    content_volume_ratio: Array  # (balances, cells)
+    content_log_concentration: Array  # (balances, cells)
+
+
+def at_points(mixture: Mixture, index: Array) -> Mixture:
+    """The mixture at a subset of its points."""
+    ratio = mixture.open_circuit_ratio
+    if ratio is not None and ratio.shape[1] > 1:
+        ratio = ratio[:, index]
+    return replace(mixture, tissue=mixture.tissue.points(index), open_circuit_ratio=ratio)
+
+
+class BlockTransportTerm(_UnaryTerm):  # type: ignore[misc]
+    """The coupled balances of a block.
+
+    The solver calls `balance` and `derivatives`. With a variable, positions of the vertices and an interval set
+    (`bind`), the term is also an ordinary FiPy Term for the potentials on the grid as it stands.
+
+    Parameters
+    ----------
+    grid, diamonds
+        The grid and the diamonds of the faces that water crosses.
+    cells, faces
+        The mixture at the cells and at the crossed faces, with one row.
+    """
+
+    def __init__(
+        self, grid: BlockGrid, diamonds: Diamonds, cells: Mixture, faces: Mixture,
+        var: Any = None, positions: Array | None = None, interval: BlockInterval | None = None,
+    ) -> None:  # fmt: skip
+        super().__init__(coeff=1.0, var=var)
+        self.grid, self.diamonds, self.cells, self.faces = grid, diamonds, cells, faces
+        self.positions, self.interval = positions, interval
+
+    def bind(self, var: Any, positions: Array, interval: BlockInterval) -> BlockTransportTerm:
+        """The same balances as a FiPy Term in a `fipy.CellVariable` (a vector if there are several potentials)."""
+        return BlockTransportTerm(self.grid, self.diamonds, self.cells, self.faces, var, positions, interval)
+
+    def log_concentration(self, potentials: Array, bath_concentration: float) -> Array:
+        """ln c~ of the cells, ``(1, cells)``: an unknown where ions are transported, else that of the bath."""
+        if self.cells.model.transports_ions:
+            return potentials[1]
+        return np.full(potentials.shape[1:], np.log(bath_concentration))
+
+    def balance(self, potentials: Array, positions: Array, volume_ratio: Array, interval: BlockInterval) -> BlockBalance:
+        """Residual, contents and fluxes.
+
+        Parameters
+        ----------
+        potentials
+            ``(balances, 1, cells)``.
+        positions
+            Of the vertices, ``(2, vertices)`` mm.
+        volume_ratio
+            J of the cells, ``(1, cells)``.
+        interval
+            See `BlockInterval`.
+        """
+        contents = self.cells.contents(volume_ratio, self.log_concentration(potentials, interval.bath_concentration))
+        faces = self.face_state(potentials, positions, interval.bath_concentration)
+        fluxes = self.faces.fluxes(*faces)
+        outflow = (self.diamonds.outflow @ fluxes[:, 0].T).T[:, None]
+        residual = self.grid.volumes * (contents - interval.base) + interval.duration * outflow
+        return BlockBalance(residual, contents, fluxes, faces)
+
+    def face_state(self, potentials: Array, positions: Array, bath_concentration: float) -> FaceState:
+        """State at the crossed faces."""
+        volume, by_across, by_along = self._metric(positions)
+        across, along = self._differences(potentials, bath_concentration)
+        return FaceState(
+            (volume / self.diamonds.reference_volumes)[None],
+            self._face_log_concentration(potentials, bath_concentration),
+            by_across * across + by_along * along,
+        )
+
+    def derivatives(
+        self, potentials: Array, positions: Array, volume_ratio: Array, interval: BlockInterval, faces: FaceState
+    ) -> TransportDerivatives:
+        """Derivatives of the fluxes and contents; arguments as for `balance`, and the state it found at the faces."""
+        _, by_across, by_along = self._metric(positions)
+        differences = self._differences(potentials, interval.bath_concentration)
+        by_state = local_derivative(
+            lambda state: self.faces.fluxes(state[0], state[1], faces.gradients[:, None]),
+            np.stack([faces.volume_ratio, faces.log_concentration]),
+        )[:, :, 0]
+        unit = np.eye(len(potentials))[:, :, None, None]
+        by_gradient = self.faces.fluxes(faces.volume_ratio, faces.log_concentration, unit)[:, :, 0]
+        metric = self._metric_derivative(positions)
+        by_points = by_state[:, 0, None] * (metric[0] / self.diamonds.reference_volumes)
+        for of_metric, difference in zip(metric[1:], differences, strict=True):
+            by_points += np.einsum("egf,gf->ef", by_gradient, difference[:, 0])[:, None] * of_metric
+        log_concentration = self.log_concentration(potentials, interval.bath_concentration)
+        by_content = local_derivative(
+            lambda state: self.cells.contents(*state), np.stack([volume_ratio, log_concentration])
+        )[:, :, 0]
+        return TransportDerivatives(
+            by_gradient * by_across, by_gradient * by_along, by_state[:, 1], by_points, by_content[:, 0], by_content[:, 1]
+        )
+
+    def _metric(self, positions: Array) -> Array:
+        return diamond_metric(self.grid.section, self.diamonds.local_points(positions))
+
+    def _metric_derivative(self, positions: Array) -> Array:
+        """Of the metric by the points of the diamonds, ``(3, 12, crossed)``."""
+        points = self.diamonds.local_points(positions)
+        section = self.grid.section
+        return local_derivative(lambda p: diamond_metric(section, p.reshape(2, 6, 12, -1)), points.reshape(12, -1))
+
+    def _differences(self, potentials: Array, bath_concentration: float) -> tuple[Array, Array]:
+        """Differences of the potentials across and along the crossed faces, each ``(balances, 1, crossed)``."""
+        bath = self.bath_potentials(bath_concentration)
+        maps = self.diamonds
+        across = (maps.across @ potentials[:, 0].T + maps.across_outside @ bath.T).T
+        along = (maps.along @ potentials[:, 0].T + maps.along_outside @ bath.T).T
+        return across[:, None], along[:, None]
+
+    def bath_potentials(self, bath_concentration: float) -> Array:
+        """Potentials of the bath at the vertices, ``(balances, vertices)``."""
+        bath = self.cells.bath_potentials(np.array([[bath_concentration]]))[:, 0]
+        return np.broadcast_to(bath, (len(bath), self.grid.vertices.shape[1]))
+
+    def _face_log_concentration(self, potentials: Array, bath_concentration: float) -> Array:
+        if not self.cells.model.transports_ions:
+            return np.full((1, len(self.diamonds.faces)), np.log(bath_concentration))
+        mean = self.diamonds.mean @ potentials[1, 0]
+        return np.where(self.diamonds.boundary, np.log(bath_concentration), mean)[None]
+
+    def _buildMatrix(  # noqa: N802  (FiPy's name)
+        self, var: Any, SparseMatrix: Any, boundaryConditions: Any = (), dt: Any = None,  # noqa: N803
+        transientGeomCoeff: Any = None, diffusionGeomCoeff: Any = None,  # noqa: N803
+    ) -> tuple[Any, Any, Array]:
+        """FiPy's hook: the matrix of a Newton step, and the right side that makes its solution the new state."""
+        if self.interval is None or self.positions is None:
+            raise ValueError("bind the term to a variable, positions and an interval before FiPy builds its matrix")
+        potentials = np.array(var.value).reshape(len(self.cells.model.balances), 1, -1)
+        corners = self.positions[:, self.grid.cell_vertices]
+        J = (polygon_volume(self.grid.section, *corners) / self.grid.volumes)[None]
+        balance = self.balance(potentials, self.positions, J, self.interval)
+        entries = self._cell_jacobian(self.derivatives(potentials, self.positions, J, self.interval, balance.faces))
+        matrix = SparseMatrix(mesh=var.mesh)
+        matrix.addAt(entries.data, entries.row, entries.col)
+        return var, matrix, matrix * potentials.ravel() - balance.residual.ravel()
+
+    def _cell_jacobian(self, by: TransportDerivatives) -> sparse.coo_array:
+        """Derivative of the balances by the potentials on the grid as it stands."""
+        assert self.interval is not None
+        maps, V = self.diamonds, len(by.across)
+        blocks = [[self._flux_jacobian(by, e, g) for g in range(V)] for e in range(V)]
+        if V > 1:
+            for e in range(V):
+                blocks[e][1] += sparse.diags_array(by.log_concentration[e]) @ maps.mean
+        jacobian = self.interval.duration * sparse.block_array([[maps.outflow @ b for b in row] for row in blocks])
+        if V > 1:
+            values = (self.grid.volumes * by.content_log_concentration).ravel()
+            index = np.arange(values.size)
+            storage = sparse.coo_array((values, (index, self.grid.cells + index % self.grid.cells)), jacobian.shape)
+            jacobian = jacobian + storage
+        return jacobian.tocoo()
+
+    def _flux_jacobian(self, by: TransportDerivatives, balance: int, potential: int) -> sparse.csr_array:
+        across, along = (sparse.diags_array(part[balance, potential]) for part in (by.across, by.along))
+        return (across @ self.diamonds.across + along @ self.diamonds.along).tocsr()
+
+    def _getDefaultSolver(self, var: Any, solver: Any, *args: Any, **kwargs: Any) -> Any:  # noqa: N802
+        from fipy import LinearLUSolver
+
+        return solver or LinearLUSolver(tolerance=1e-14)  # the default skips small steps silently

@@ -1,0 +1,232 @@
+"""Models of one case beside each other: how far the simpler ones are from the fullest one.
+
+In each phase the histories of the global strain are compared; where the piston's displacement is prescribed
+they are the same by definition, and those of its pressure are compared instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy.interpolate import PchipInterpolator
+
+from fvswell.case import MODELS, Case, CaseError
+from fvswell.case_errors import Problem
+from fvswell.predictor import coefficient_of_determination
+from fvswell.relaxation import phase_durations
+from fvswell.simulation import run
+from fvswell.tissue import Array
+
+__all__ = [
+    "Comparison",
+    "Difference",
+    "common_times",
+    "compare",
+    "compare_results",
+    "history_at",
+    "local_strain",
+    "profile_at",
+    "reference_model",
+    "with_models",
+]
+
+_STEPS_PER_PHASE = 50  # where the models' own output times differ
+_SAME_TIME = 1e-9  # of the end of the phase
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A model less the reference in one phase."""
+
+    phase: str
+    model: str
+    quantity: str  # that the histories are of: global_strain, or applied_pressure (MPa)
+    r_squared: float  # 1 - sum of squared differences/sum of squares of the reference about its mean
+    largest: float  # of the quantity, with its sign
+    time: float  # of the largest, s since the run began
+    time_in_phase: float  # the same since the phase began
+    local_strain: float  # largest in magnitude at that time, with its sign
+    local_strain_ratio: float  # over the reference's local strain there, in magnitude
+    depth: float  # of the largest local one, mm from the filter in the stress-free solid
+    equilibrium_strain: float  # of the model at rest under the loads that the phase ends with
+    reference_equilibrium_strain: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Results of several models of a case, and their differences from one of them."""
+
+    reference: str
+    results: dict[str, xr.Dataset]
+    differences: tuple[Difference, ...]
+
+    @property
+    def phases(self) -> tuple[str, ...]:
+        """Names of the phases."""
+        return tuple(dict.fromkeys(difference.phase for difference in self.differences))
+
+    def of_phase(self, phase: str) -> tuple[Difference, ...]:
+        """Differences of all models in a phase."""
+        return tuple(difference for difference in self.differences if difference.phase == phase)
+
+    def table(self) -> list[dict[str, Any]]:
+        """One row for each phase and model."""
+        return [asdict(difference) | {"reference": self.reference} for difference in self.differences]
+
+    def write_csv(self, path: Path) -> None:
+        """Write the table as text with commas, in internal units."""
+        rows = self.table()
+        lines = [",".join(rows[0]), *(",".join(f"{value}" for value in row.values()) for row in rows)]
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def compare(case: Case, models: Sequence[str] = MODELS) -> Comparison:
+    """Run models of a case and compare them with the fullest.
+
+    Parameters
+    ----------
+    case
+        What to simulate; its own model does not matter.
+    models
+        Names of two or more models. The reference is the fullest: electrochemical, else biphasic-swelling.
+
+    Raises
+    ------
+    CaseError
+        If a model is unknown, or the case cannot be run with it.
+    SolverError
+        If a run had to stop.
+    """
+    cases = with_models(case, models)
+    durations = phase_durations([case])[0]
+    return compare_results({model: run(each, durations=durations) for model, each in cases.items()})
+
+
+def with_models(case: Case, models: Sequence[str]) -> dict[str, Case]:
+    """The case with each of two or more models, by name.
+
+    Raises
+    ------
+    CaseError
+        If there are fewer than two different models, with all that is wrong with any of them.
+    """
+    cases, problems = {}, []
+    for model in dict.fromkeys(models):
+        try:
+            cases[model] = case.with_changes({"model": model})
+        except CaseError as error:
+            problems += [each for each in error.problems if each not in problems]
+    if not problems and len(cases) < 2:
+        message = f"must be two or more of {', '.join(MODELS)}"
+        problems = [Problem("models", ", ".join(models), message)]
+    if problems:
+        raise CaseError(problems, case.source)
+    return cases
+
+
+def reference_model(models: Sequence[str]) -> str:
+    """The fullest of some models."""
+    return max(models, key=MODELS.index)
+
+
+def compare_results(results: Mapping[str, xr.Dataset]) -> Comparison:
+    """Compare results of one case, by model; each must have run to its end."""
+    reference = reference_model(list(results))
+    base = results[reference]
+    case = Case.from_toml(base.attrs["case_toml"])
+    ends = base["phase_end"].values
+    differences = []
+    for index, phase in enumerate(case.phase):
+        start = ends[index - 1] if index else 0.0
+        quantity = "global_strain" if phase.piston_displacement is None else "applied_pressure"
+        at = common_times([result["time"].values for result in results.values()], start, ends[index])
+        for model, result in results.items():
+            if model != reference:
+                numbers = _numbers(result, base, quantity, start, at)
+                rest = (float(r["equilibrium_strain"][index]) for r in (result, base))
+                differences.append(Difference(phase.name, model, quantity, *numbers, *rest))
+    return Comparison(reference, dict(results), tuple(differences))
+
+
+def _numbers(
+    result: xr.Dataset, base: xr.Dataset, quantity: str, start: float, at: Array
+) -> tuple[float, ...]:
+    """Numbers of a `Difference`, from its R^2 to its depth."""
+    own, data = (history_at(r["time"].values, r[quantity].values, start, at) for r in (result, base))
+    farthest = int(np.argmax(np.abs(own - data)))
+    time = float(at[farthest])
+    own_local, local = (profile_at(r["time"].values, local_strain(r), time) for r in (result, base))
+    cell = int(np.argmax(np.abs(own_local - local)))
+    gap = float(own_local[cell] - local[cell])
+    return (
+        float(coefficient_of_determination(data, own)),
+        float(own[farthest] - data[farthest]),
+        time,
+        time - start,
+        gap,
+        abs(gap / float(local[cell])) if local[cell] else np.nan,
+        float(base["x"][cell]),
+    )
+
+
+def common_times(times: Sequence[Array], start: float, end: float) -> Array:
+    """Times in a phase at which histories are compared.
+
+    The output times after ``start`` up to ``end``, s, if they are the same in all of ``times``; otherwise the
+    ends of 50 equal steps.
+    """
+    slack = _SAME_TIME * end
+    within = [each[(each > start + slack) & (each <= end + slack)] for each in times]
+    first = within[0]
+    if first.size and all(
+        each.shape == first.shape and np.allclose(each, first, rtol=0.0, atol=slack) for each in within
+    ):
+        return first
+    return start + (end - start) * np.arange(1, _STEPS_PER_PHASE + 1) / _STEPS_PER_PHASE
+
+
+def history_at(time: Array, values: Array, start: float, at: Array) -> Array:
+    """A history at given times of a phase; nan beyond its ends.
+
+    Between its own times it is interpolated, by a monotone cubic over the square root of the time since the
+    phase began: what follows a jump is about linear in that root.
+
+    Parameters
+    ----------
+    time, values
+        The history, shape ``(times,)``, s.
+    start
+        When the phase began, s.
+    at
+        Times wanted, s, none before ``start``.
+    """
+    slack = _SAME_TIME * float(np.max(at))
+    nearest = np.abs(time[:, None] - at).argmin(axis=0)
+    if np.all(np.abs(time[nearest] - at) <= slack):
+        return values[nearest]
+    own = (time >= start - slack) & (time <= at.max() + slack)
+    if own.sum() < 2:
+        return np.full(at.shape, np.nan)
+    root, last = np.sqrt(np.maximum(time[own] - start, 0.0)), time[own][-1]
+    inside = PchipInterpolator(root, values[own])(np.sqrt(np.minimum(at, last) - start))
+    return np.where(at <= last + slack, inside, np.nan)
+
+
+def local_strain(result: xr.Dataset) -> Array:
+    """Strain of each cell from the equilibrated sample, ``(times, cells)``."""
+    J = result["volume_ratio"].values
+    return J / J[0] - 1.0
+
+
+def profile_at(time: Array, values: Array, at: float) -> Array:
+    """A profile at a time, linear between the outputs, nan beyond them; ``values`` is ``(times, points)``."""
+    if at > time[-1] * (1.0 + _SAME_TIME):
+        return np.full(values.shape[1], np.nan)
+    upper = int(np.clip(np.searchsorted(time, at), 1, len(time) - 1))
+    share = np.clip((at - time[upper - 1]) / (time[upper] - time[upper - 1]), 0.0, 1.0)
+    return values[upper - 1] + share * (values[upper] - values[upper - 1])
