@@ -27,10 +27,11 @@ from fvswell.block_geometry import (
 )
 from fvswell.block_grid import BlockGrid
 from fvswell.block_mechanics import BlockSolid, block_solid
+from fvswell.block_stabilisation import alternating_storage
 from fvswell.block_transport import BlockBalance, BlockInterval, BlockTransportTerm, at_points
 from fvswell.differentiation import local_derivative
 from fvswell.models import Mixture
-from fvswell.solid import aggregate_modulus
+from fvswell.solid import aggregate_modulus, shear_modulus
 from fvswell.tissue import Array, Tissue
 
 __all__ = ["Block", "BlockState", "EdgeLoads", "make_block"]
@@ -57,6 +58,7 @@ class BlockState(NamedTuple):
     potentials: Array  # (balances, 1, cells)
     osmotic_pressure: Array  # (cells,)
     balance: BlockBalance
+    contents: Array  # (balances + 1, 1, cells) per reference volume; the last is what the stabilisation stores
     admissible: bool  # no cell is inverted or without water
 
 
@@ -69,6 +71,7 @@ class Block:
     freedoms: Freedoms
     solid: BlockSolid
     term: BlockTransportTerm
+    storage: sparse.csr_array  # see block_stabilisation
     pattern: JacobianPattern
     edge_faces: Array  # boundary faces on free and tied edges
     edge_of_face: Array  # index among EDGES
@@ -98,7 +101,10 @@ class Block:
         potentials, positions = self.potentials(unknowns), self.positions(unknowns)
         corners = positions[:, self.grid.cell_vertices]
         J = self.volume_ratio(positions)
-        balance = self.term.balance(potentials, positions, J, interval)
+        balance = self.term.balance(potentials, positions, J, interval._replace(base=interval.base[:-1]))
+        stored = self.storage @ potentials[0, 0]
+        transport = balance.residual.copy()
+        transport[0, 0] += stored - self.grid.volumes * interval.base[-1, 0]
         osmotic = self._osmotic_pressure(J, potentials, interval.bath_concentration)
         pressure = potentials[0, 0] + osmotic
         F = self.solid.deformation_gradient(corners)
@@ -110,8 +116,8 @@ class Block:
             if not np.isnan(target):
                 momentum[index] = (unknowns[index] - target) * self.momentum_scale[index] / self.length_scale
         return BlockState(
-            np.concatenate([momentum, balance.residual.ravel()]), internal, positions, F, J, potentials, osmotic, balance,
-            self._admissible(F, J, balance),
+            np.concatenate([momentum, transport.ravel()]), internal, positions, F, J, potentials, osmotic, balance,
+            np.concatenate([balance.contents, (stored / self.grid.volumes)[None, None]]), self._admissible(F, J, balance),
         )  # fmt: skip
 
     def jacobian(self, state: BlockState, interval: BlockInterval, loads: EdgeLoads) -> Array:
@@ -124,7 +130,7 @@ class Block:
         )
         log_concentration = self.term.log_concentration(state.potentials, interval.bath_concentration)
         osmotic_slope = local_derivative(
-            lambda y: np.broadcast_to(self.term.cells.osmotic_pressure(*y), y[:1].shape),
+            lambda y: np.broadcast_to(self.term.cells.osmotic_pressure(self.term.cells.at(*y)), y[:1].shape),
             np.stack([state.volume_ratio, log_concentration]),
         ).reshape(2, -1)
         pressure = state.potentials[0, 0] + state.osmotic_pressure
@@ -138,7 +144,7 @@ class Block:
             state.potentials, state.positions, state.volume_ratio, interval, state.balance.faces
         )
         data = self.pattern.assemble(
-            LocalDerivatives(forces, gradient, osmotic_slope[1], edge_forces, by_transport, interval.duration)
+            LocalDerivatives(forces, gradient, osmotic_slope[1], edge_forces, self.storage.data, by_transport, interval.duration)
         )
         for edge, index in self.freedoms.of_tied_edge.items():
             if not np.isnan(loads.displacement[EDGES.index(edge)]):
@@ -192,7 +198,7 @@ class Block:
 
     def _osmotic_pressure(self, J: Array, potentials: Array, bath_concentration: float) -> Array:
         log_concentration = self.term.log_concentration(potentials, bath_concentration)
-        return np.broadcast_to(self.term.cells.osmotic_pressure(J, log_concentration), J.shape)[0]
+        return np.broadcast_to(self.term.cells.osmotic_pressure(self.term.cells.at(J, log_concentration)), J.shape)[0]
 
     def _external_forces(self, unknowns: Array, positions: Array, loads: EdgeLoads) -> Array:
         ends = positions[:, self.grid.face_vertices[:, self.edge_faces]]
@@ -235,6 +241,8 @@ def make_block(
     crossed = diamonds(grid, [edge for edge in EDGES if edges[edge].permeable])
     unknown = freedoms(grid, edges)
     loaded = [i for i, edge in enumerate(EDGES) if edges[edge].displacement in ("free", "tied")]
+    shear = np.broadcast_to(shear_modulus(cells.tissue)[0], (grid.cells,))
+    storage = alternating_storage(grid, shear)
     edge_faces = np.concatenate([np.zeros(0, dtype=int), *(grid.edges[EDGES[i]] for i in loaded)])
     edge_of_face = np.repeat(loaded, [len(grid.edges[EDGES[i]]) for i in loaded]).astype(int)
     return Block(
@@ -243,7 +251,8 @@ def make_block(
         freedoms=unknown,
         solid=block_solid(grid, solid),
         term=BlockTransportTerm(grid, crossed, cells, at_points(faces, crossed.faces)),
-        pattern=JacobianPattern(grid, crossed, unknown, edge_faces, len(cells.model.balances)),
+        storage=storage,
+        pattern=JacobianPattern(grid, crossed, unknown, edge_faces, storage, len(cells.model.balances)),
         edge_faces=edge_faces,
         edge_of_face=edge_of_face,
         gather_corners=unknown.gather(grid.cell_vertices),

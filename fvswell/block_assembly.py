@@ -27,6 +27,7 @@ class LocalDerivatives(NamedTuple):
     volume_gradient: Array  # (8, cells): volumes of the cells by positions of the corners
     osmotic_slope: Array  # (cells,): osmotic pressure by ln c~
     edge_forces: Array  # (4, 4, boundary faces): forces at the ends of faces by positions of the ends
+    storage: Array  # entries of the stabilisation, volumes stored by water potentials
     transport: TransportDerivatives
     duration: float
 
@@ -34,7 +35,10 @@ class LocalDerivatives(NamedTuple):
 class JacobianPattern:
     """Fixed pattern in compressed columns, and the map from local derivatives to its entries."""
 
-    def __init__(self, grid: BlockGrid, diamonds: Diamonds, freedoms: Freedoms, edge_faces: Array, balances: int) -> None:
+    def __init__(
+        self, grid: BlockGrid, diamonds: Diamonds, freedoms: Freedoms, edge_faces: Array,
+        storage: sparse.csr_array, balances: int,
+    ) -> None:  # fmt: skip
         self._grid, self._diamonds, self._freedoms, self._balances = grid, diamonds, freedoms, balances
         self._rows: list[Array] = []
         self._columns: list[Array] = []
@@ -44,6 +48,8 @@ class JacobianPattern:
         self.size = freedoms.number + balances * grid.cells
         corners = freedoms.of_vertex[:, grid.cell_vertices].reshape(8, -1)
         self._mechanics(corners, freedoms.of_vertex[:, grid.face_vertices[:, edge_faces]].reshape(4, -1))
+        entries = storage.tocoo()
+        self._add(self._potential(0)[entries.row], self._potential(0)[entries.col])
         self._storage(corners)
         self._fluxes()
         self._compress()
@@ -51,7 +57,7 @@ class JacobianPattern:
     def assemble(self, local: LocalDerivatives) -> Array:
         """Entries of the Jacobian in the order of the pattern."""
         by, dt, g = local.transport, local.duration, local.volume_gradient
-        parts = [local.corner_forces, -g, local.edge_forces, by.content_volume_ratio[:, None] * g]
+        parts = [local.corner_forces, -g, local.edge_forces, local.storage, by.content_volume_ratio[:, None] * g]
         if self._balances > 1:
             volumes = self._grid.volumes
             parts += [-g * local.osmotic_slope, volumes * by.content_log_concentration, dt * by.log_concentration]

@@ -48,13 +48,12 @@ def equilibrated_state(system: BlockSystem, bath_concentration: float) -> State:
     """
     block = system.block
     result = _swollen(block, bath_concentration)
-    balance = result.state.balance
     loads = loads_found(block, result.unknowns, result.state, edge_loads({}), bath_concentration)
     faces = block.grid.face_cells.shape[1]
     return State(
         unknowns=result.unknowns[None, None],
         loads={name: loads[name] for name in drive_names(block.edges)},
-        contents=balance.contents,
+        contents=result.state.contents,
         fluxes=np.zeros((len(block.balances), 1, faces)),
         phase=np.zeros(1, dtype=int),
         time=np.zeros(1),
@@ -117,7 +116,7 @@ def _balance_forces(block: Block, unknowns: Array, bath_concentration: float) ->
     start = unknowns.copy()
     start[number:] = np.broadcast_to(bath, (len(bath), 1, block.grid.cells)).ravel()
     unloaded = edge_loads({})
-    interval = BlockInterval(np.zeros((len(bath), 1, block.grid.cells)), 0.0, bath_concentration)
+    interval = BlockInterval(np.zeros((len(bath) + 1, 1, block.grid.cells)), 0.0, bath_concentration)
 
     def evaluate(at: Array) -> tuple[BlockState, Array]:
         state = block.evaluate(at, interval, unloaded)

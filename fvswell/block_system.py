@@ -78,9 +78,9 @@ class BlockSystem:
         return Solution(
             unknowns=result.unknowns[None, None],
             loads={name: found[name] for name in loads},
-            contents=balance.contents,
+            contents=result.state.contents,
             fluxes=fluxes,
-            inflow=-balance.fluxes[..., self.block.term.diamonds.boundary].sum(axis=-1),
+            inflow=np.append(-balance.fluxes[..., self.block.term.diamonds.boundary].sum(axis=-1), [[0.0]], axis=0),
             residual=self._residual_at_points(result.residual),
             converged=np.array([result.converged]),
             iterations=np.array([result.iterations]),

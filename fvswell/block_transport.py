@@ -119,9 +119,9 @@ class BlockTransportTerm(_UnaryTerm):  # type: ignore[misc]
         interval
             See `BlockInterval`.
         """
-        contents = self.cells.contents(volume_ratio, self.log_concentration(potentials, interval.bath_concentration))
+        contents = self.cells.contents(self.cells.at(volume_ratio, self.log_concentration(potentials, interval.bath_concentration)))
         faces = self.face_state(potentials, positions, interval.bath_concentration)
-        fluxes = self.faces.fluxes(*faces)
+        fluxes = self.faces.fluxes(self.faces.at(faces.volume_ratio, faces.log_concentration), faces.gradients)
         outflow = (self.diamonds.outflow @ fluxes[:, 0].T).T[:, None]
         residual = self.grid.volumes * (contents - interval.base) + interval.duration * outflow
         return BlockBalance(residual, contents, fluxes, faces)
@@ -143,18 +143,18 @@ class BlockTransportTerm(_UnaryTerm):  # type: ignore[misc]
         _, by_across, by_along = self._metric(positions)
         differences = self._differences(potentials, interval.bath_concentration)
         by_state = local_derivative(
-            lambda state: self.faces.fluxes(state[0], state[1], faces.gradients[:, None]),
+            lambda state: self.faces.fluxes(self.faces.at(*state), faces.gradients[:, None]),
             np.stack([faces.volume_ratio, faces.log_concentration]),
         )[:, :, 0]
         unit = np.eye(len(potentials))[:, :, None, None]
-        by_gradient = self.faces.fluxes(faces.volume_ratio, faces.log_concentration, unit)[:, :, 0]
+        by_gradient = self.faces.fluxes(self.faces.at(faces.volume_ratio, faces.log_concentration), unit)[:, :, 0]
         metric = self._metric_derivative(positions)
         by_points = by_state[:, 0, None] * (metric[0] / self.diamonds.reference_volumes)
         for of_metric, difference in zip(metric[1:], differences, strict=True):
             by_points += np.einsum("egf,gf->ef", by_gradient, difference[:, 0])[:, None] * of_metric
         log_concentration = self.log_concentration(potentials, interval.bath_concentration)
         by_content = local_derivative(
-            lambda state: self.cells.contents(*state), np.stack([volume_ratio, log_concentration])
+            lambda state: self.cells.contents(self.cells.at(*state)), np.stack([volume_ratio, log_concentration])
         )[:, :, 0]
         return TransportDerivatives(
             by_gradient * by_across, by_gradient * by_along, by_state[:, 1], by_points, by_content[:, 0], by_content[:, 1]
@@ -185,8 +185,8 @@ class BlockTransportTerm(_UnaryTerm):  # type: ignore[misc]
     def _face_log_concentration(self, potentials: Array, bath_concentration: float) -> Array:
         if not self.cells.model.transports_ions:
             return np.full((1, len(self.diamonds.faces)), np.log(bath_concentration))
-        mean = self.diamonds.mean @ potentials[1, 0]
-        return np.where(self.diamonds.boundary, np.log(bath_concentration), mean)[None]
+        bath = self.bath_potentials(bath_concentration)[1]
+        return (self.diamonds.mean @ potentials[1, 0] + self.diamonds.across_outside @ bath)[None]
 
     def _buildMatrix(  # noqa: N802  (FiPy's name)
         self, var: Any, SparseMatrix: Any, boundaryConditions: Any = (), dt: Any = None,  # noqa: N803

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fvswell.fluxes import FluxDerivatives
-from fvswell.models import Mixture
+from fvswell.models import Mixture, PointState
 from fvswell.solid import uniaxial_stiffness, uniaxial_stress
 from fvswell.tissue import Array
 
@@ -60,46 +60,41 @@ class Column:
         """ln c~: an unknown where ions are transported, else that of the bath."""
         return state[1] if self.state_size > 1 else np.log(loads.bath_concentration)
 
-    def water_potential(self, state: Array, loads: Loads) -> Array:
+    def at_cells(self, state: Array, loads: Loads) -> PointState:
+        """Local state of the cells."""
+        return self.cells.at(state[0], self.log_concentration(state, loads))
+
+    def at_faces(self, state: Array, loads: Loads) -> PointState:
+        """Local state at the faces."""
+        return self.faces.at(state[0], self.log_concentration(state, loads))
+
+    def water_potential(self, cells: PointState, loads: Loads) -> Array:
         """mu_f = sigma_s(J) + P - pi of the cells, MPa."""
-        stress = uniaxial_stress(self.cells.tissue, state[0])
-        osmotic = self.cells.osmotic_pressure(state[0], self.log_concentration(state, loads))
-        return stress + loads.applied_pressure - osmotic
+        stress = uniaxial_stress(self.cells.tissue, cells.J)
+        return stress + loads.applied_pressure - self.cells.osmotic_pressure(cells)
 
-    def water_potential_derivatives(self, state: Array, loads: Loads) -> Array:
-        """Derivatives of mu_f by the state, shape of ``state``; by the applied pressure it is 1."""
-        osmotic = self.cells.osmotic_pressure_derivatives(state[0], self.log_concentration(state, loads))
-        by_state = np.empty_like(state)
-        for index, slope in enumerate(osmotic):
+    def water_potential_derivatives(self, cells: PointState) -> Array:
+        """Derivatives of mu_f by the state, (state size, rows, cells); by the applied pressure it is 1."""
+        by_state = np.empty((self.state_size, *cells.J.shape))
+        for index, slope in enumerate(self.cells.osmotic_pressure_derivatives(cells)):
             by_state[index] = -slope
-        by_state[0] += uniaxial_stiffness(self.cells.tissue, state[0])
+        by_state[0] += uniaxial_stiffness(self.cells.tissue, cells.J)
         return by_state
-
-    def contents(self, state: Array, loads: Loads) -> Array:
-        """Conserved contents of the cells per reference volume, one for each balance."""
-        return self.cells.contents(state[0], self.log_concentration(state, loads))
-
-    def content_derivatives(self, state: Array, loads: Loads) -> Array:
-        """Derivatives of the contents by the state, (balances, state size, rows, cells)."""
-        return self.cells.content_derivatives(state[0], self.log_concentration(state, loads))
 
     def content_scale(self, loads: Loads) -> Array:
         """Natural size of the contents: 1 for J, the bath's concentration for ions; ``(balances, rows, 1)``."""
         concentration = loads.bath_concentration
         return np.stack([np.ones_like(concentration), concentration, concentration][: len(self.balances)])
 
-    def fluxes(self, state: Array, loads: Loads, reference_gradients: Array) -> Array:
+    def fluxes(self, faces: PointState, reference_gradients: Array) -> Array:
         """Fluxes at the faces from *reference* gradients of the potentials; current gradients are these over J."""
-        J = state[0]
-        return self.faces.fluxes(J, self.log_concentration(state, loads), reference_gradients / J)
+        return self.faces.fluxes(faces, reference_gradients / faces.J)
 
-    def flux_derivatives(self, state: Array, loads: Loads, reference_gradients: Array, fluxes: Array) -> FluxDerivatives:
+    def flux_derivatives(self, faces: PointState, reference_gradients: Array, fluxes: Array) -> FluxDerivatives:
         """Derivatives of ``fluxes`` (given) by the state and by the reference gradients."""
-        J = state[0]
-        log_concentration = self.log_concentration(state, loads)
-        by_state, by_gradient = self.faces.flux_derivatives(J, log_concentration, reference_gradients / J)
-        by_state[:, 0] -= fluxes / J  # a stretched face sees smaller gradients
-        return FluxDerivatives(by_state, by_gradient / J)
+        by_state, by_gradient = self.faces.flux_derivatives(faces, reference_gradients / faces.J)
+        by_state[:, 0] -= fluxes / faces.J  # a stretched face sees smaller gradients
+        return FluxDerivatives(by_state, by_gradient / faces.J)
 
     def filter_potentials(self, loads: Loads) -> Array:
         """Potentials at the filter, shape ``(balances, rows, 1)``."""

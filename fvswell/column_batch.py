@@ -80,7 +80,7 @@ class ColumnBatch:
         return State(
             unknowns=unknowns,
             loads={"pressure": np.zeros(rows), "height": self.initial_height, "bath": bath},
-            contents=self.cells.contents(unknowns[0], log_concentration).copy(),
+            contents=self.cells.contents(self.cells.at(unknowns[0], log_concentration)).copy(),
             fluxes=np.zeros((*unknowns.shape[:2], cells + 1)),
             phase=np.zeros(rows, dtype=int), time=np.zeros(rows), elapsed=np.zeros(rows),
         )  # fmt: skip

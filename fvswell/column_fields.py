@@ -14,7 +14,7 @@ from fvswell.electrochemistry import (
 )
 from fvswell.fluxes import IonFluxParts, ion_flux_parts
 from fvswell.grid import ColumnGrid
-from fvswell.models import Mixture
+from fvswell.models import Mixture, PointState
 from fvswell.solid import uniaxial_stress
 from fvswell.time_stepping import State
 from fvswell.tissue import Array
@@ -39,7 +39,7 @@ def column_fields(grid: ColumnGrid, laws: Column, state: State, initial_height: 
     loads = Loads(np.full((1, 1), pressure), np.full((1, 1), bath))
     unknowns = state.unknowns[: laws.state_size]
     log_concentration = np.broadcast_to(laws.log_concentration(unknowns, loads), J.shape)
-    water_potential = laws.water_potential(unknowns, loads)
+    cells = laws.at_cells(unknowns, loads)
     stress = uniaxial_stress(mixture.tissue, J)
     record: Record = {
         "global_strain": np.array(height / initial_height - 1.0),
@@ -50,24 +50,23 @@ def column_fields(grid: ColumnGrid, laws: Column, state: State, initial_height: 
         "volume_ratio": J[0],
         "fluid_fraction": fluid_fraction(mixture.tissue, J)[0],
         "fluid_pressure": (stress + pressure)[0],
-        "water_potential": water_potential[0],
+        "water_potential": laws.water_potential(cells, loads)[0],
         "effective_stress": stress[0],
         "displacement": np.concatenate([[0.0], np.cumsum((J[0] - 1.0) * grid.widths)]),
         "water_flux": state.fluxes[0, 0],
     }
     if mixture.model.swelling:
         potential = state.unknowns[2] if mixture.model.transports_ions else np.zeros_like(J)
-        record |= _charged_fields(mixture, J, log_concentration, potential)
+        record |= _charged_fields(mixture, cells, log_concentration, potential)
     if mixture.model.transports_ions:
         record |= _ion_fluxes(grid, laws, state, loads)
     return record
 
 
-def _charged_fields(mixture: Mixture, J: Array, log_concentration: Array, potential: Array) -> Record:
-    tissue = mixture.tissue
-    cation, anion = ion_concentrations(tissue, J, log_concentration)
+def _charged_fields(mixture: Mixture, state: PointState, log_concentration: Array, potential: Array) -> Record:
+    tissue, (J, cation, anion) = mixture.tissue, state
     return {
-        "osmotic_pressure": mixture.osmotic_pressure(J, log_concentration)[0],
+        "osmotic_pressure": mixture.osmotic_pressure(state)[0],
         "fixed_charge_density": fixed_charge_density(tissue, J)[0],
         "cation_concentration": cation[0],
         "anion_concentration": anion[0],

@@ -1,7 +1,7 @@
-"""What the commands print: cases, progress, tables and messages.
+"""How the commands print: lines, tables, progress and errors.
 
-On a terminal there are drawn tables and a progress line; elsewhere plain aligned text and a line at every tenth
-of the run, so that a log can be read. Errors go to the standard error stream.
+On a terminal there are drawn tables and a progress line; elsewhere plain aligned text and a line at every
+tenth of the run, so that a log can be read. Errors go to the standard error stream.
 """
 
 from __future__ import annotations
@@ -9,10 +9,9 @@ from __future__ import annotations
 import functools
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec
+from typing import TYPE_CHECKING, NamedTuple, ParamSpec
 
 import typer
 
@@ -20,18 +19,12 @@ from fvswell.case_errors import CaseError
 from fvswell.errors import OutputError, SolverError
 
 if TYPE_CHECKING:
-    import xarray as xr
-
-    from fvswell.case import Case
-    from fvswell.characteristics import Characteristics
-    from fvswell.comparison import Comparison
     from fvswell.simulation import Progress
 
-__all__ = ["Console", "case_lines", "quantity", "told_errors"]
+__all__ = ["Console", "TextTable", "percent", "told_errors"]
 
 BAD_INPUT, SOLVER_STOPPED, INTERRUPTED = 2, 3, 130
 
-_MOLAR = {"mmol/mm^3": (1e3, "M")}  # units that people read more easily than the internal ones
 _PLAIN_LINES = 10  # in a run whose output is no terminal
 _Parameters = ParamSpec("_Parameters")
 
@@ -58,26 +51,34 @@ def _stop(message: str, code: int) -> None:
     raise typer.Exit(code)
 
 
+class TextTable(NamedTuple):
+    """A table to print; the first column is text, the others are numbers."""
+
+    title: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
 class Console:
-    """Prints for a command; a quiet one prints nothing but what ``always`` is told."""
+    """Prints for a command; a quiet one prints nothing."""
 
     def __init__(self, quiet: bool = False) -> None:
         self.quiet = quiet
         self.is_terminal = sys.stdout.isatty()
 
-    def line(self, text: str = "") -> None:
-        """Print a line."""
+    def lines(self, *lines: str) -> None:
+        """Print lines."""
         if not self.quiet:
-            typer.echo(text)
+            typer.echo("\n".join(lines))
 
-    def table(self, title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-        """Print a table; the first column is text, the others numbers."""
+    def table(self, table: TextTable) -> None:
+        """Print a table."""
         if self.quiet:
             return
         if self.is_terminal:
-            _print_rich_table(title, header, rows)
+            _print_rich_table(table)
         else:
-            typer.echo(f"{title}\n" + "\n".join(_aligned([header, *rows])))
+            typer.echo("\n".join([table.title, *_aligned([table.header, *table.rows])]))
 
     @contextmanager
     def progress(self, model: str) -> Iterator[Callable[[Progress], None]]:
@@ -89,19 +90,6 @@ class Console:
                 yield report
         else:
             yield _PlainProgress(model)
-
-    def summary(self, result: xr.Dataset, phases: Sequence[str], seconds: float) -> None:
-        """Print what came out of a run."""
-        self.table(f"{result.attrs['model']}: strain", *phase_table(result, phases))
-        self.line(f"{effort(result)}; {seconds:.1f} s")
-        self.line(f"largest errors of the balances: {balance_errors(result)}")
-
-    def comparison(self, comparison: Comparison) -> None:
-        """Print the differences of the models in each phase."""
-        for phase in comparison.phases:
-            self.table(*_difference_table(comparison, phase))
-            self.line()
-        self.table(*_rest_table(comparison))
 
 
 class _PlainProgress:
@@ -118,8 +106,8 @@ class _PlainProgress:
         self.lines = int(share * _PLAIN_LINES + 1e-9)
         left = (time.perf_counter() - self.began) * (1.0 / share - 1.0)
         typer.echo(
-            f"{self.model}: {100.0 * share:3.0f} %, t = {progress.time:.5g} s, strain {percent(progress.strain)}, "
-            f"{left:.0f} s left"
+            f"{self.model}: {100.0 * share:3.0f} %, t = {progress.time:.5g} s, "
+            f"strain {percent(progress.strain)}, {left:.0f} s left"
         )
 
 
@@ -142,15 +130,15 @@ def _rich_progress(model: str) -> Iterator[Callable[[Progress], None]]:
         yield report
 
 
-def _print_rich_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+def _print_rich_table(content: TextTable) -> None:
     from rich.console import Console as RichConsole
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=Text(title), title_justify="left")
-    for index, name in enumerate(header):
+    table = Table(title=Text(content.title), title_justify="left")
+    for index, name in enumerate(content.header):
         table.add_column(Text(name), justify="right" if index else "left")
-    for row in rows:
+    for row in content.rows:
         table.add_row(*(Text(cell) for cell in row))
     RichConsole().print(table)
 
@@ -169,9 +157,3 @@ def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 def percent(value: float) -> str:
     """A fraction in percent with its sign; a dash where there is none."""
     return "-" if value != value else f"{100.0 * value:+.3f} %"
-
-
-def quantity(value: float, unit: str) -> str:
-    """A number in an internal unit, as people write it."""
-    factor, shown_unit = _MOLAR.get(unit, (1.0, unit))
-    return f"{factor * value:.6g} {shown_unit}".rstrip()

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fvswell.electrochemistry import fluid_fraction, ion_concentration_derivatives, ion_concentrations
+from fvswell.electrochemistry import fluid_fraction, ion_concentration_derivatives
 from fvswell.permeability import hydraulic_permeability
 from fvswell.tissue import Array, Tissue
 
@@ -56,7 +56,8 @@ def darcy_flux(permeability: Array, water_potential_gradient: Array) -> Array:
 def mixture_fluxes(
     tissue: Tissue,
     J: Array,
-    log_concentration: Array,
+    cation: Array,
+    anion: Array,
     water_potential_gradient: Array,
     log_concentration_gradient: Array,
     potential_gradient: Array,
@@ -67,12 +68,11 @@ def mixture_fluxes(
     ----------
     tissue
         Properties at the points.
-    J, log_concentration
-        Volume ratio and ln of the virtual concentration (mmol/mm3) at the points.
+    J, cation, anion
+        Volume ratio and ion concentrations (mmol per mm3 of fluid) at the points.
     water_potential_gradient, log_concentration_gradient, potential_gradient
         Gradients of mu_f (MPa/mm), ln c~ and F psi~/(R T) (1/mm). Everything broadcasts to one shape.
     """
-    cation, anion = ion_concentrations(tissue, J, log_concentration)
     cation_drive = cation * (log_concentration_gradient + potential_gradient)
     anion_drive = anion * (log_concentration_gradient - potential_gradient)
     w, n_f = tissue.convection_factor, fluid_fraction(tissue, J)
@@ -98,13 +98,13 @@ class FluxDerivatives(NamedTuple):
 def mixture_flux_derivatives(
     tissue: Tissue,
     J: Array,
-    log_concentration: Array,
+    cation: Array,
+    anion: Array,
     water_potential_gradient: Array,
     log_concentration_gradient: Array,
     potential_gradient: Array,
 ) -> FluxDerivatives:
     """Derivatives of `mixture_fluxes`, whose arguments these are (real)."""
-    cation, anion = ion_concentrations(tissue, J, log_concentration)
     cation_J, anion_J, by_log = ion_concentration_derivatives(tissue, J, cation, anion)
     w, RT, n_f = tissue.convection_factor, tissue.thermal_energy, fluid_fraction(tissue, J)
     n_J = (1.0 - n_f) / J

@@ -13,6 +13,7 @@ and fluxes are stacked along the first axis, one entry for each balance:
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from fvswell.fluxes import FluxDerivatives, darcy_flux, mixture_flux_derivatives
 from fvswell.permeability import hydraulic_permeability, open_circuit_permeability
 from fvswell.tissue import Array, Tissue
 
-__all__ = ["BIPHASIC", "BIPHASIC_SWELLING", "ELECTROCHEMICAL", "MODELS", "Mixture", "Model"]
+__all__ = ["BIPHASIC", "BIPHASIC_SWELLING", "ELECTROCHEMICAL", "MODELS", "Mixture", "Model", "PointState"]
 
 _COMPLEX_STEP = 1e-40  # far below rounding: the imaginary part over it is the derivative exactly
 
@@ -52,6 +53,14 @@ ELECTROCHEMICAL = Model(
     "electrochemical", balances=("volume", "anion", "charge"), swelling=True, open_circuit=False
 )
 MODELS = {model.name: model for model in (BIPHASIC, BIPHASIC_SWELLING, ELECTROCHEMICAL)}
+
+
+class PointState(NamedTuple):
+    """What the local laws depend on by value; concentrations in mmol per mm3 of fluid, without meaning in biphasic."""
+
+    J: Array
+    cation: Array | float
+    anion: Array | float
 
 
 @dataclass(frozen=True)
@@ -88,62 +97,70 @@ class Mixture:
             return water[None]
         return np.stack(np.broadcast_arrays(water, np.log(bath_concentration), 0.0 * water))
 
-    def osmotic_pressure(self, J: Array, log_concentration: Array) -> Array | float:
-        """pi, MPa; zero without swelling."""
+    def at(self, J: Array, log_concentration: Array) -> PointState:
+        """The local state from J and ln c~, real or complex."""
         if not self.model.swelling:
-            return 0.0
-        return osmotic_pressure(self.tissue, *ion_concentrations(self.tissue, J, log_concentration))
+            return PointState(J, 0.0, 0.0)
+        return PointState(J, *ion_concentrations(self.tissue, J, log_concentration))
 
-    def osmotic_pressure_derivatives(self, J: Array, log_concentration: Array) -> tuple[Array | float, ...]:
+    def osmotic_pressure(self, state: PointState) -> Array | float:
+        """pi, MPa; zero without swelling."""
+        return osmotic_pressure(self.tissue, state.cation, state.anion) if self.model.swelling else 0.0
+
+    def osmotic_pressure_derivatives(self, state: PointState) -> tuple[Array | float, ...]:
         """Derivatives of pi by J and, where it is an unknown, by ln c~."""
         if not self.model.swelling:
             return (0.0,)
-        ions = ion_concentrations(self.tissue, J, log_concentration)
-        cation_J, anion_J, by_log = ion_concentration_derivatives(self.tissue, J, *ions)
+        cation_J, anion_J, by_log = ion_concentration_derivatives(self.tissue, *state)
         by_J = osmotic_pressure(self.tissue, cation_J, anion_J)
         return (by_J, osmotic_pressure(self.tissue, by_log, by_log)) if self.model.transports_ions else (by_J,)
 
-    def contents(self, J: Array, log_concentration: Array) -> Array:
+    def contents(self, state: PointState) -> Array:
         """What each balance conserves, per reference volume: (J, J n_f c-, 0)."""
+        J = state.J
         if not self.model.transports_ions:
             return J[None]
-        _, anion = ion_concentrations(self.tissue, J, log_concentration)
         contents = np.zeros((3, *J.shape), dtype=J.dtype)
-        contents[0], contents[1] = J, (J - 1.0 + self.tissue.fluid_fraction) * anion
+        contents[0], contents[1] = J, (J - 1.0 + self.tissue.fluid_fraction) * state.anion
         return contents
 
-    def content_derivatives(self, J: Array, log_concentration: Array) -> Array:
+    def content_derivatives(self, state: PointState) -> Array:
         """Derivatives of the contents by (J, ln c~), (balances, 2, ...), or by J alone, (1, 1, ...)."""
         if not self.model.transports_ions:
-            return np.ones((1, 1, *J.shape))
-        cation, anion = ion_concentrations(self.tissue, J, log_concentration)
-        _, anion_J, by_log = ion_concentration_derivatives(self.tissue, J, cation, anion)
-        fluid = J - 1.0 + self.tissue.fluid_fraction
-        by_state = np.zeros((3, 2, *J.shape))
+            return np.ones((1, 1, *state.J.shape))
+        _, anion_J, by_log = ion_concentration_derivatives(self.tissue, *state)
+        fluid = state.J - 1.0 + self.tissue.fluid_fraction
+        by_state = np.zeros((3, 2, *state.J.shape))
         by_state[0, 0] = 1.0
-        by_state[1, 0], by_state[1, 1] = anion + fluid * anion_J, fluid * by_log
+        by_state[1, 0], by_state[1, 1] = state.anion + fluid * anion_J, fluid * by_log
         return by_state
 
-    def permeability(self, J: Array, log_concentration: Array) -> Array:
+    def permeability(self, state: PointState) -> Array:
         """Permeability in Darcy's law of this model, mm4/(N s)."""
         if self.model.open_circuit and self.open_circuit_ratio is None:
-            return open_circuit_permeability(
-                self.tissue, J, *ion_concentrations(self.tissue, J, log_concentration)
-            )
-        k = hydraulic_permeability(self.tissue, J)
+            return open_circuit_permeability(self.tissue, *state)
+        k = hydraulic_permeability(self.tissue, state.J)
         return k * self.open_circuit_ratio if self.model.open_circuit else k
 
-    def fluxes(self, J: Array, log_concentration: Array, gradients: Array) -> Array:
+    def fluxes(self, state: PointState, gradients: Array) -> Array:
         """(q, j-, j+ - j-) per current area, from the state at a face and the normal gradients of the potentials."""
         if not self.model.transports_ions:
-            return darcy_flux(self.permeability(J, log_concentration), gradients[0])[None]
-        flux = mixture_fluxes(self.tissue, J, log_concentration, *gradients)
+            return darcy_flux(self.permeability(state), gradients[0])[None]
+        flux = mixture_fluxes(self.tissue, *state, *gradients)
         return np.stack([flux.water, flux.anion, flux.cation - flux.anion])
 
-    def flux_derivatives(self, J: Array, log_concentration: Array, gradients: Array) -> FluxDerivatives:
-        """Derivatives of `fluxes` by the state, (balances, 2 or 1, ...), and by the gradients, (balances, balances, ...)."""
+    def flux_derivatives(self, state: PointState, gradients: Array) -> FluxDerivatives:
+        """Derivatives of `fluxes` by J (and ln c~), (balances, 2 or 1, ...), and by the gradients, (balances, balances, ...)."""
         if self.model.transports_ions:
-            return mixture_flux_derivatives(self.tissue, J, log_concentration, *gradients)
-        k = self.permeability(J + 1j * _COMPLEX_STEP, log_concentration)
-        by_state = darcy_flux(k.imag / _COMPLEX_STEP, gradients[0])
-        return FluxDerivatives(by_state[None, None], np.broadcast_to(-k.real, by_state.shape)[None, None])
+            return mixture_flux_derivatives(self.tissue, *state, *gradients)
+        by_J = darcy_flux(self._permeability_slope(state), gradients[0])
+        return FluxDerivatives(by_J[None, None], np.broadcast_to(-self.permeability(state), by_J.shape)[None, None])
+
+    def _permeability_slope(self, state: PointState) -> Array:
+        """Derivative of `permeability` by J at a given virtual concentration."""
+        if not (self.model.open_circuit and self.open_circuit_ratio is None):
+            return self.tissue.permeability_exponent * self.permeability(state)
+        cation_J, anion_J, _ = ion_concentration_derivatives(self.tissue, *state)
+        step = 1j * _COMPLEX_STEP
+        shifted = PointState(state.J + step, state.cation + step * cation_J, state.anion + step * anion_J)
+        return self.permeability(shifted).imag / _COMPLEX_STEP

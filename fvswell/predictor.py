@@ -122,7 +122,7 @@ def predict(
     else:
         duration = np.broadcast_to(phase_duration, J.shape)[:, 0]
     time = duration[:, None] * np.arange(1, 2 * steps_per_phase + 1) / steps_per_phase
-    salt = [mixtures[1].contents(*state)[1] for state in ((first, logs[0]), (last, logs[1]))]
+    salt = [mixtures[1].contents(mixtures[1].at(*state))[1] for state in ((first, logs[0]), (last, logs[1]))]
     change = np.concatenate([last - first, salt[1] - salt[0]], axis=1)
 
     def strain(column: LinearColumn, contents: Array) -> Array:

@@ -48,7 +48,7 @@ class StockTermsTransport(CoupledTransportTerm):
     def balance(self, unknowns: Array, interval: Interval) -> Balance:
         """As of the coupled term, the residual being that of the stock terms."""
         balance = super().balance(unknowns, interval)
-        equations, _ = self._equations(unknowns, interval)
+        equations, _ = self._equations(unknowns, interval, balance)
         vector = np.array(equations.justResidualVector(dt=float(interval.duration[0, 0]), solver=LinearLUSolver()))
         V = len(unknowns)
         residual = interval.duration[0, 0] * vector.reshape(V + 1, -1)[:V]  # the last is momentum: exactly zero
@@ -58,14 +58,14 @@ class StockTermsTransport(CoupledTransportTerm):
         self, unknowns: Array, interval: Interval, balance: Balance, with_pressure: bool
     ) -> NewtonStep:
         """As of the coupled term, from the matrix of the stock terms."""
-        matrix, by_pressure = self.matrix(unknowns, interval)
+        matrix, by_pressure = self.matrix(unknowns, interval, balance)
         sides = np.stack([balance.residual.ravel(), by_pressure], axis=1)
         steps = -np.linalg.solve(matrix, sides).T.reshape(2, *unknowns.shape)
         return NewtonStep(steps[0], steps[1] if with_pressure else None)
 
-    def matrix(self, unknowns: Array, interval: Interval) -> tuple[Array, Array]:
+    def matrix(self, unknowns: Array, interval: Interval, balance: Balance) -> tuple[Array, Array]:
         """Jacobian of the residual, and its derivative by the applied pressure, ordered variable by variable."""
-        equations, by_unknowns = self._equations(unknowns, interval)
+        equations, by_unknowns = self._equations(unknowns, interval, balance)
         equations.cacheMatrix()
         dt = float(interval.duration[0, 0])
         equations.justResidualVector(dt=dt, solver=LinearLUSolver())
@@ -74,15 +74,13 @@ class StockTermsTransport(CoupledTransportTerm):
         matrix = dt * np.einsum("ejvk,vuk->ejuk", blocks, by_unknowns)
         return matrix.reshape(V * n, V * n), dt * blocks[:, :, 1].sum(axis=-1).ravel()
 
-    def _equations(self, unknowns: Array, interval: Interval) -> tuple[Any, Array]:
+    def _equations(self, unknowns: Array, interval: Interval, now: Balance) -> tuple[Any, Array]:
         """The coupled equations, and the derivative of (V, mu_f, ln c~, psi~) by the unknowns, per cell."""
         loads, S, mesh, widths = interval.loads, self.laws.state_size, self.grid.mesh, self.grid.widths
-        state_now = unknowns[:S]
-        water_slopes = self.laws.water_potential_derivatives(state_now, loads)[:, 0]
-        storage = self.laws.content_derivatives(state_now, loads)[:, :, 0]
-        contents = self.laws.contents(state_now, loads)[:, 0]
+        water_slopes = self.laws.water_potential_derivatives(now.cells)[:, 0]
+        storage = self.laws.cells.content_derivatives(now.cells)[:, :, 0]
         potentials = unknowns[:, 0].copy()
-        potentials[0] = self.laws.water_potential(state_now, loads)[0]
+        potentials[0] = self.laws.water_potential(now.cells, loads)[0]
         bath = self.laws.filter_potentials(loads)
 
         volume = CellVariable(mesh=mesh, name="V", value=unknowns[0, 0] * widths, hasOld=True)
@@ -94,10 +92,10 @@ class StockTermsTransport(CoupledTransportTerm):
         state = [volume, *driving[1:S]]
         per_volume = np.concatenate([1.0 / widths[None], np.ones((S - 1, len(widths)))])
 
-        mobility, flux_slopes = self._flux_coefficients(unknowns, interval)
+        mobility, flux_slopes = self._flux_coefficients(now)
         equations = None
         for e in range(len(unknowns)):
-            balance = CellVariable(mesh=mesh, value=(contents[e] - interval.base[e, 0]) / interval.duration[0, 0])
+            balance = CellVariable(mesh=mesh, value=(now.contents[e, 0] - interval.base[e, 0]) / interval.duration[0, 0])
             for variable, slope, scale in zip(state, storage[e], per_volume, strict=True):
                 balance = balance + TransientTerm(coeff=CellVariable(mesh=mesh, value=slope * scale), var=variable)
             for variable, coefficient in zip(driving, mobility[e], strict=True):
@@ -117,11 +115,9 @@ class StockTermsTransport(CoupledTransportTerm):
             by_unknowns[variable + 1, variable] = 1.0
         return equations & momentum, by_unknowns
 
-    def _flux_coefficients(self, unknowns: Array, interval: Interval) -> tuple[Array, Array]:
+    def _flux_coefficients(self, now: Balance) -> tuple[Array, Array]:
         """At all faces: L, minus flux by reference gradient (e, p, faces), and flux by (V, ln c~) (e, s, faces)."""
-        state, loads = self._face_state(unknowns, interval.loads), interval.loads
-        gradients = self._reference_gradients(unknowns, loads)
-        by_state, by_gradient = self.laws.flux_derivatives(state, loads, gradients, self.laws.fluxes(state, loads, gradients))
+        by_state, by_gradient = self.laws.flux_derivatives(now.faces, now.gradients, now.fluxes[..., :-1])
         by_state[:, 0] /= self.grid.distances  # a face's stretch is the mean of the V beside it over their distance
         piston = ((0, 0), (0, 0), (0, 1))  # nothing passes there
         return np.pad(-by_gradient[:, :, 0], piston), np.pad(by_state[:, :, 0], piston)

@@ -103,12 +103,49 @@ Observer = Callable[[State, Step], None]
 
 
 @dataclass
+class _Past:
+    """The last two states before the present one, to extrapolate from; an age of nan says that there is none."""
+
+    unknowns: Array  # (2, kinds, rows, points), the later first
+    age: Array  # (2, rows): time from them to the present
+
+    @classmethod
+    def none(cls, unknowns: Array) -> _Past:
+        return cls(np.zeros((2, *unknowns.shape)), np.full((2, unknowns.shape[1]), np.nan))
+
+    def rows(self, index: Array) -> _Past:
+        return _Past(self.unknowns[:, :, index], self.age[:, index])
+
+    def then(self, unknowns: Array, time: Array) -> _Past:
+        """The past once the present, ``unknowns``, lies a time back."""
+        return _Past(np.stack([unknowns, self.unknowns[0]]), np.stack([time, self.age[0] + time]))
+
+    def put(self, rows: Array, other: _Past, index: Array) -> None:
+        """Take over rows of another batch's past."""
+        self.unknowns[:, :, rows], self.age[:, rows] = other.unknowns[:, :, index], other.age[:, index]
+
+    def forget(self, rows: Array) -> None:
+        """There is nothing to extrapolate from."""
+        self.age[:, rows] = np.nan
+
+    def change(self, present: Array, time: Array) -> Array:
+        """Change of the unknowns in a time to come, by the parabola (or line, or constant) through what is known."""
+        near, far = self.age[:, :, None]
+        time = time[:, None]
+        with np.errstate(invalid="ignore"):
+            slope = (present - self.unknowns[0]) / near
+            bend = (slope - (self.unknowns[0] - self.unknowns[1]) / (far - near)) / far
+        return time * (np.nan_to_num(slope) + np.nan_to_num(bend) * (time + np.nan_to_num(near)))
+
+
+@dataclass
 class _Attempt:
     """One step of some rows before it is judged."""
 
     solutions: list[Solution]
     rates: list[Array]  # dJ/dt at the stages, (rows, cells)
     inflow: Array  # (balances, rows)
+    past: _Past | None = None  # as it is after the step
 
     @property
     def converged(self) -> Array:
@@ -138,7 +175,7 @@ class Marcher:
         self.active = np.ones(rows, dtype=bool)
         self._size = np.full(rows, np.inf)
         self._restarted = np.zeros(rows, dtype=bool)  # the size was set anew, not from the last step
-        self._unknown_rate = np.zeros_like(state.unknowns)  # over the last step, to start Newton from
+        self._past = _Past.none(state.unknowns)
         self._last_rate = np.full(state.contents.shape[1:], np.nan)  # dJ/dt at the end of the last step
         self._phase_start = {name: value.copy() for name, value in state.loads.items()}
         self._enter_phase(np.arange(rows))
@@ -174,11 +211,13 @@ class Marcher:
         contents = base = state.contents[:, rows]
         unknowns, loads = state.unknowns[:, rows], {name: value[rows] for name, value in state.loads.items()}
         attempt = _Attempt([], [], np.zeros((len(contents), len(rows))))
-        change, done = self._unknown_rate[:, rows] * size[:, None], 0.0
+        past, done = self._past.rows(rows), np.zeros(len(rows))
         for node, weight in zip(scheme.nodes, scheme.weights, strict=True):
-            time = state.time[rows] + node * size
-            prescribed = self.protocol.prescribed(rows, state.phase[rows], time, self._phase_start)
-            guess = system.extrapolate(unknowns, change * (node - done))
+            ahead = node * size
+            prescribed = self.protocol.prescribed(
+                rows, state.phase[rows], state.time[rows] + ahead, self._phase_start
+            )
+            guess = system.extrapolate(unknowns, past.change(unknowns, ahead - done))
             stage = Stage(base, scheme.diagonal * size, prescribed)
             solution = system.solve(guess, loads, stage)
             rate = (solution.contents - base) / stage.duration[:, None]
@@ -186,10 +225,11 @@ class Marcher:
             attempt.rates.append(rate[0])
             attempt.inflow += weight * solution.inflow
             base = contents + (1.0 - scheme.diagonal) * size[:, None] * rate
-            change = (solution.unknowns - unknowns) / (node - done)
-            unknowns, loads, done = solution.unknowns, solution.loads, node
+            past = past.then(unknowns, ahead - done)
+            unknowns, loads, done = solution.unknowns, solution.loads, ahead
             if not attempt.converged.any():
                 break
+        attempt.past = past
         return attempt
 
     def _error(self, rows: Array, size: Array, attempt: _Attempt) -> Array:
@@ -213,7 +253,7 @@ class Marcher:
         state, solution = self.state, attempt.solutions[-1]
         own, size = rows[accepted], size[accepted]
         before = state.contents[:, own]
-        self._unknown_rate[:, own] = (solution.unknowns[:, accepted] - state.unknowns[:, own]) / size[:, None]
+        self._past.put(own, attempt.past, accepted)
         self._last_rate[own] = attempt.rates[-1][accepted]
         state.unknowns[:, own] = solution.unknowns[:, accepted]
         state.contents[:, own] = solution.contents[:, accepted]
@@ -260,7 +300,7 @@ class Marcher:
         for name, value in self.state.loads.items():
             self._phase_start[name][rows] = value[rows]
         jump = self.protocol.jumps(rows, self.state.phase[rows], self._phase_start)
-        self._unknown_rate[:, rows[jump]] = 0.0
+        self._past.forget(rows[jump])
         self._restart(rows)
 
     def _restart(self, rows: Array) -> None:

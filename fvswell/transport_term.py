@@ -17,6 +17,7 @@ import numpy as np
 from fvswell.column import Column, Loads
 from fvswell.grid import ColumnGrid
 from fvswell.linearisation import Linearisation, NewtonStep, cell_blocks, newton_step
+from fvswell.models import PointState
 from fvswell.tissue import Array
 
 from fipy.terms.unaryTerm import _UnaryTerm  # isort: skip  (after fvswell.grid, which chooses FiPy's solvers)
@@ -33,11 +34,14 @@ class Interval(NamedTuple):
 
 
 class Balance(NamedTuple):
-    """Residual of the balances (balances, rows, cells), contents, and fluxes through all faces (.., cells + 1)."""
+    """The balances at a state, and the local states they were drawn up from."""
 
-    residual: Array
-    contents: Array
-    fluxes: Array
+    residual: Array  # (balances, rows, cells)
+    contents: Array  # (balances, rows, cells)
+    fluxes: Array  # (balances, rows, cells + 1)
+    cells: PointState
+    faces: PointState  # the filter and the inner faces
+    gradients: Array  # (balances, rows, faces): of the potentials, by the reference coordinate
 
 
 class CoupledTransportTerm(_UnaryTerm):  # type: ignore[misc]
@@ -61,26 +65,28 @@ class CoupledTransportTerm(_UnaryTerm):  # type: ignore[misc]
 
     def balance(self, unknowns: Array, interval: Interval) -> Balance:
         """Residual, contents and fluxes at a state."""
-        loads = interval.loads
-        contents = self.laws.contents(unknowns[: self.laws.state_size], loads)
-        fluxes = np.zeros((*unknowns.shape[:2], unknowns.shape[2] + 1))  # none at the piston
-        fluxes[..., :-1] = self.laws.fluxes(
-            self._face_state(unknowns, loads), loads, self._reference_gradients(unknowns, loads)
-        )
+        laws, loads = self.laws, interval.loads
+        cells = laws.at_cells(unknowns[: laws.state_size], loads)
+        faces = laws.at_faces(self._face_state(unknowns, loads), loads)
+        potentials = np.empty((*unknowns.shape[:2], unknowns.shape[2] + 1))
+        potentials[..., :1] = laws.filter_potentials(loads)
+        potentials[0, :, 1:] = laws.water_potential(cells, loads)
+        potentials[1:, :, 1:] = unknowns[1:]
+        gradients = (potentials[..., 1:] - potentials[..., :-1]) / self.grid.distances
+        contents = laws.cells.contents(cells)
+        fluxes = np.zeros_like(potentials)  # none at the piston
+        fluxes[..., :-1] = laws.fluxes(faces, gradients)
         net = fluxes[..., 1:] - fluxes[..., :-1]
         residual = self.grid.widths * (contents - interval.base) + interval.duration * net
-        return Balance(residual, contents, fluxes)
+        return Balance(residual, contents, fluxes, cells, faces, gradients)
 
-    def linearise(self, unknowns: Array, interval: Interval, fluxes: Array) -> Linearisation:
-        """Exact derivatives at a state, ``fluxes`` being those of `balance` there."""
-        loads, S = interval.loads, self.laws.state_size
-        state = unknowns[:S]
-        storage = np.zeros((len(unknowns), *unknowns.shape))
-        storage[:, :S] = self.laws.content_derivatives(state, loads)
-        water = self.laws.water_potential_derivatives(state, loads)
-        by_state, by_gradient = self.laws.flux_derivatives(
-            self._face_state(unknowns, loads), loads, self._reference_gradients(unknowns, loads), fluxes[..., :-1]
-        )
+    def linearise(self, balance: Balance) -> Linearisation:
+        """Exact derivatives of contents and fluxes where the balances were drawn up."""
+        S, shape = self.laws.state_size, balance.residual.shape
+        storage = np.zeros((shape[0], *shape))
+        storage[:, :S] = self.laws.cells.content_derivatives(balance.cells)
+        water = self.laws.water_potential_derivatives(balance.cells)
+        by_state, by_gradient = self.laws.flux_derivatives(balance.faces, balance.gradients, balance.fluxes[..., :-1])
         by_difference = by_gradient / self.grid.distances
         by_upper, by_lower = by_difference.copy(), -by_difference
         by_upper[:, 0] *= water[0]
@@ -99,17 +105,10 @@ class CoupledTransportTerm(_UnaryTerm):  # type: ignore[misc]
         self, unknowns: Array, interval: Interval, balance: Balance, with_pressure: bool
     ) -> NewtonStep:
         """Newton step from a state at which the balances are ``balance``."""
-        linear = self.linearise(unknowns, interval, balance.fluxes)
         return newton_step(
-            linear, self.grid.widths, interval.duration, balance.residual, balance.fluxes[..., :-1], with_pressure
-        )
-
-    def _reference_gradients(self, unknowns: Array, loads: Loads) -> Array:
-        potentials = np.empty((*unknowns.shape[:2], unknowns.shape[2] + 1))
-        potentials[..., :1] = self.laws.filter_potentials(loads)
-        potentials[1:, :, 1:] = unknowns[1:]
-        potentials[0, :, 1:] = self.laws.water_potential(unknowns[: self.laws.state_size], loads)
-        return (potentials[..., 1:] - potentials[..., :-1]) / self.grid.distances
+            self.linearise(balance), self.grid.widths, interval.duration, balance.residual, balance.fluxes[..., :-1],
+            with_pressure,
+        )  # fmt: skip
 
     def _face_state(self, unknowns: Array, loads: Loads) -> Array:
         """State at the faces: the stretch of the face, and the mean of the cells' ln c~ (the bath's at the filter)."""
@@ -135,8 +134,7 @@ class CoupledTransportTerm(_UnaryTerm):  # type: ignore[misc]
             raise ValueError("bind the term to a variable and an interval before FiPy builds its matrix")
         unknowns = np.array(var.value).reshape(len(self.laws.balances), 1, -1)
         balance = self.balance(unknowns, self.interval)
-        linearisation = self.linearise(unknowns, self.interval, balance.fluxes)
-        blocks = cell_blocks(self.grid.widths, self.interval.duration, linearisation)
+        blocks = cell_blocks(self.grid.widths, self.interval.duration, self.linearise(balance))
         matrix = SparseMatrix(mesh=var.mesh)
         matrix.addAt(*_entries(blocks))
         return var, matrix, matrix * unknowns.ravel() - balance.residual.ravel()

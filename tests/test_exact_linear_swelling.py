@@ -139,7 +139,7 @@ def test_mobility_is_the_transport_law_without_current() -> None:
     mixture, J, log_c = linear.mixture, linear.volume_ratio, linear.log_concentration
 
     def full(*gradients: float) -> Array:
-        return mixture.fluxes(J, log_c, np.array(gradients)[:, None, None] * np.ones_like(J))[:, :, 0]
+        return mixture.fluxes(mixture.at(J, log_c), np.array(gradients)[:, None, None] * np.ones_like(J))[:, :, 0]
 
     laws = np.stack([full(1, 0, 0), full(0, 1, 0), full(0, 0, 1)], axis=-1)  # (q, j-, i), rows, gradients
     for gradient in range(2):

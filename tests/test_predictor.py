@@ -121,9 +121,9 @@ def test_constant_open_circuit_permeability() -> None:
     tissue = random_tissue(5, seed=27)
     mixture = Mixture(BIPHASIC_SWELLING, tissue, np.array([[0.93]]))
     J, log_concentration = equilibrium_volume_ratio(tissue, *REST, 0.93, swelling=True), np.log(1.5e-4)
-    ratio = mixture.permeability(J, log_concentration) / Mixture(
+    ratio = mixture.permeability(mixture.at(J, log_concentration)) / Mixture(
         BIPHASIC_SWELLING, tissue, np.array([[0.93]]), np.ones((5, 1))
-    ).permeability(J, log_concentration)
+    ).permeability(mixture.at(J, log_concentration))
     own, given = (
         prediction(tissue, COMPRESSED, linearised_at=0.0, open_circuit_ratio=r) for r in (None, ratio)
     )

@@ -94,9 +94,9 @@ class LinearColumn:
         J, step = self.volume_ratio, 1j * _COMPLEX_STEP
         if not self.mixture.model.transports_ions:
             stress = uniaxial_stress(self.mixture.tissue, J + step)
-            mu_f = stress - self.mixture.osmotic_pressure(J + step, self.log_concentration)
+            mu_f = stress - self.mixture.osmotic_pressure(self.mixture.at(J + step, self.log_concentration))
             return mu_f.imag[:, :, None] / _COMPLEX_STEP
-        salt = self.mixture.contents(J, self.log_concentration)[1]
+        salt = self.mixture.contents(self.mixture.at(J, self.log_concentration))[1]
         columns = (self._potentials(J + step, salt), self._potentials(J, salt + step))
         return np.stack([np.stack(column, axis=-1).imag[:, 0] for column in columns], axis=-1) / _COMPLEX_STEP
 
@@ -105,7 +105,7 @@ class LinearColumn:
         """L, the fluxes for unit gradients of the potentials, shape ``(rows, contents, contents)``."""
         J, tissue = self.volume_ratio, self.mixture.tissue
         if not self.mixture.model.transports_ions:
-            return self.mixture.permeability(J, self.log_concentration)[:, :, None]
+            return self.mixture.permeability(self.mixture.at(J, self.log_concentration))[:, :, None]
         cation, anion = ion_concentrations(tissue, J, self.log_concentration)
         k_open = open_circuit_permeability(tissue, J, cation, anion)
         D_cation, D_anion, w = tissue.cation_diffusivity, tissue.anion_diffusivity, tissue.convection_factor
@@ -274,7 +274,7 @@ class LinearColumn:
     def _osmotic_slope(self) -> Array:
         """Slope d pi/d ln c~ at fixed J, MPa, shape ``(rows, 1)``."""
         shifted = self.log_concentration + 1j * _COMPLEX_STEP
-        pi = self.mixture.osmotic_pressure(self.volume_ratio, shifted)
+        pi = self.mixture.osmotic_pressure(self.mixture.at(self.volume_ratio, shifted))
         return np.asarray(pi).imag / _COMPLEX_STEP + np.zeros_like(self.volume_ratio)
 
     def _slab_time(self, time: Array) -> Array:

@@ -1,0 +1,284 @@
+"""The command ``fvswell``. Commands import what they need when they run, so that help answers at once."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from fvswell import __version__
+from fvswell.case_errors import CaseError
+from fvswell.console import Console, told_errors
+from fvswell.errors import OutputError, SolverError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from fvswell.case import Case
+    from fvswell.simulation import Progress
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    help="Swelling and compression of soft, charged, hydrated tissues by three models: biphasic, "
+    "biphasic-swelling and electrochemical.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # plain help takes half the time
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+CaseFile = Annotated[
+    Path, typer.Argument(metavar="CASE", help="A case (.toml), or a result (.nc) whose case is taken.")
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a value of the case, such as tissue.hindrance_factor=0 or "
+        '"phase.loading.piston_pressure=0.1 MPa". May be given many times.',
+    ),
+]
+Directory = Annotated[
+    Path | None,
+    typer.Option("--output", "-o", metavar="DIR", help="Directory to write to; output/CASE without it."),
+]
+Force = Annotated[bool, typer.Option("--force", help="Replace files that are there already.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+
+
+def main() -> None:
+    """Run the command line."""
+    for stream in (sys.stdout, sys.stderr):
+        stream.reconfigure(errors="replace")  # type: ignore[union-attr]  # titles in any script, on any terminal
+    app(prog_name="fvswell")
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"fvswell {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+@told_errors
+def run(
+    case_file: CaseFile,
+    model: Annotated[
+        str | None,
+        typer.Option(help="biphasic, biphasic-swelling or electrochemical; the case's own without it."),
+    ] = None,
+    settings: Settings = None,
+    output: Directory = None,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Simulate a case and write its result to DIR/MODEL.nc."""
+    from fvswell.reports import case_lines
+    from fvswell.results import refuse_existing
+
+    case = _read_case(case_file, settings, model)
+    path = _directory(case_file, output) / f"{case.model}.nc"
+    refuse_existing([path], force)
+    console = Console(quiet)
+    console.lines(*case_lines(case))
+    _simulate(case, path, force, console)
+
+
+@app.command()
+@told_errors
+def check(case_file: CaseFile, settings: Settings = None) -> None:
+    """Check a case: all that is wrong, or derived numbers."""
+    from fvswell.characteristics import characteristics
+    from fvswell.reports import case_lines, characteristics_table
+
+    case = _read_case(case_file, settings)
+    console = Console()
+    console.lines(*case_lines(case), "")
+    table, lines = characteristics_table(case, characteristics(case))
+    console.table(table)
+    console.lines("", *lines, f"{case_file}: is valid")
+
+
+@app.command()
+@told_errors
+def new(
+    name: Annotated[Path, typer.Argument(metavar="NAME", help="Name of the case; NAME.toml is written.")],
+    force: Force = False,
+) -> None:
+    """Write a commented case to begin with."""
+    from fvswell.case import starter_text
+
+    path = name if name.suffix == ".toml" else name.with_name(f"{name.name}.toml")
+    try:
+        with path.open("w" if force else "x", encoding="utf-8") as file:
+            file.write(starter_text())
+    except FileExistsError:
+        raise OutputError(f"{path}: is there already; use --force to replace it") from None
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
+    Console().lines(f"wrote {path}", f"try: fvswell check {path}, fvswell run {path}, fvswell compare {path}")
+
+
+@app.command()
+@told_errors
+def compare(
+    case_file: CaseFile,
+    models: Annotated[
+        str, typer.Option(metavar="A,B,...", help="Models to compare, separated by commas.")
+    ] = "biphasic,biphasic-swelling,electrochemical",
+    settings: Settings = None,
+    output: Directory = None,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run models of a case and tell how far apart they are.
+
+    Prints tables and writes the results, a figure and a table to DIR.
+    """
+    from fvswell.comparison import compare_results, with_models
+    from fvswell.plots import comparison_figure, save_figure
+    from fvswell.reports import case_lines, comparison_tables
+    from fvswell.results import refuse_existing
+
+    case = _read_case(case_file, settings)
+    cases = with_models(case, [name.strip() for name in models.split(",")])
+    directory = _directory(case_file, output)
+    paths = {name: directory / f"{name}.nc" for name in cases}
+    table, *figures = (directory / f"comparison.{suffix}" for suffix in ("csv", "png", "pdf"))
+    refuse_existing([*paths.values(), table, *figures], force)
+    console = Console(quiet)
+    console.lines(*case_lines(case))
+    durations: list[float] | None = None
+    results = {}
+    for name, each in cases.items():
+        result = results[name] = _simulate(each, paths[name], force, console, durations)
+        ends = result["phase_end"].values.tolist()
+        durations = [end - start for start, end in zip([0.0, *ends], ends, strict=False)]
+    comparison = compare_results(results)
+    comparison.write_csv(table)
+    for figure in figures:
+        save_figure(comparison_figure(comparison), figure)
+    for each_table in comparison_tables(comparison):
+        console.lines("")
+        console.table(each_table)
+    console.lines("", *(f"wrote {path}" for path in (table, *figures)))
+
+
+@app.command()
+@told_errors
+def plot(
+    results: Annotated[list[Path], typer.Argument(metavar="RESULT...", help="Results (.nc) to draw.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Figure: .png, .pdf or .svg."),
+    ] = None,
+    times: Annotated[
+        str | None, typer.Option(metavar='"10 s,1 min"', help="Times of the profiles, with units.")
+    ] = None,
+    variables: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--variable", metavar="NAME", help="Field to draw over the depth. May be given many times."
+        ),
+    ] = None,
+) -> None:
+    """Draw strain against time and profiles over the depth."""
+    from fvswell.plots import chosen_times, chosen_variables, result_figure, result_labels, save_figure
+    from fvswell.results import read_result
+
+    datasets = [read_result(path) for path in results]
+    labelled = dict(zip(result_labels(results, datasets), datasets, strict=True))
+    name = f"{results[0].stem}.png" if len(results) == 1 else "results.png"
+    path = output or results[0].with_name(name)
+    figure = result_figure(labelled, chosen_times(labelled, times), chosen_variables(labelled, variables))
+    save_figure(figure, path)
+    Console().lines(f"wrote {path}")
+
+
+@app.command()
+@told_errors
+def info(
+    result: Annotated[Path, typer.Argument(metavar="RESULT", help="A result (.nc).")],
+) -> None:
+    """Tell what is in a result."""
+    from fvswell.case import Case
+    from fvswell.reports import case_lines, content_table, effort_lines, phase_table, result_lines
+    from fvswell.results import read_result
+
+    dataset = read_result(result)
+    case = Case.from_toml(dataset.attrs["case_toml"], str(result))
+    console = Console()
+    console.lines(*case_lines(case), *result_lines(dataset), "")
+    console.table(phase_table(dataset, case))
+    console.lines("", *effort_lines(dataset), "")
+    console.table(content_table(dataset))
+
+
+def _read_case(path: Path, settings: list[str] | None, model: str | None = None) -> Case:
+    """The case of a file with the changes asked for; all that is wrong with the settings is told at once."""
+    from fvswell.case import load_case, parse_setting
+    from fvswell.results import read_case
+
+    changes: dict[str, Any] = {}
+    problems = []
+    for setting in settings or []:
+        try:
+            key, value = parse_setting(setting)
+            changes[key] = value
+        except CaseError as error:
+            problems += error.problems
+    if problems:
+        raise CaseError(problems, "--set")
+    if model is not None:
+        changes["model"] = model
+    case = read_case(path) if path.suffix == ".nc" else load_case(path)
+    return case.with_changes(changes) if changes else case
+
+
+def _directory(case_file: Path, output: Path | None) -> Path:
+    return output if output is not None else Path("output") / case_file.stem
+
+
+def _simulate(
+    case: Case, path: Path, replace: bool, console: Console, durations: list[float] | None = None
+) -> xr.Dataset:
+    """Run a case into a file, with progress and a summary; of a run that had to stop as well."""
+    from fvswell.reports import duration_line, effort_lines, phase_table
+    from fvswell.simulation import run as simulate
+
+    began = time.perf_counter()
+    stopped: SolverError | None = None
+    with console.progress(case.model) as draw:
+
+        def report(progress: Progress) -> None:
+            if progress.steps == 0 and durations is None:
+                console.lines(duration_line(case, progress.phase_ends))
+            draw(progress)
+
+        try:
+            result = simulate(case, path=path, replace=replace, durations=durations, report=report)
+        except SolverError as error:
+            if error.result is None:
+                raise
+            result, stopped = error.result, error
+    console.lines("")
+    console.table(phase_table(result, case))
+    console.lines(*effort_lines(result), f"{time.perf_counter() - began:.1f} s, wrote {path}")
+    if stopped is not None:
+        raise SolverError(f"{stopped}\n{path}: holds the result until then, marked as partial") from None
+    return result

@@ -1,0 +1,330 @@
+"""Figures for print: histories of columns and profiles over their depth.
+
+Sizes are those of a journal page. Colours (Okabe & Ito) can be told apart by the colour-blind, and lines differ
+in style as well. Figures are made without pyplot, so no display or global state is involved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec
+
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from fvswell.case_errors import nearest_name
+from fvswell.comparison import Comparison, local_strain, profile_at
+from fvswell.errors import OutputError
+from fvswell.fields import FIELDS
+from fvswell.tissue import Array
+from fvswell.units import QuantityError, parse
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = [
+    "FORMATS",
+    "axis_label",
+    "chosen_times",
+    "chosen_variables",
+    "comparison_figure",
+    "in_print_style",
+    "line_styles",
+    "result_figure",
+    "result_labels",
+    "save_figure",
+]
+
+FORMATS = (".png", ".pdf", ".svg")
+
+_WIDTH = 180.0 / 25.4  # inches: two columns of a journal page
+_DEFAULT_VARIABLES = ("volume_ratio", "fluid_pressure", "anion_concentration")
+_DEFAULT_TIMES = (0.02, 0.1, 0.5)  # of the first phase
+_MOST_COLUMNS = 4
+_PRINT_STYLE = {
+    "font.family": "sans-serif",
+    "font.size": 8,
+    "axes.labelsize": 8,
+    "axes.titlesize": 8,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "legend.fontsize": 7,
+    "legend.frameon": False,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "axes.formatter.useoffset": False,
+    "axes.formatter.limits": (-3, 4),
+    "axes.formatter.use_mathtext": True,
+    "lines.linewidth": 1.3,
+    "pdf.fonttype": 42,  # text stays text
+    "svg.fonttype": "none",
+    "savefig.dpi": 300,
+}
+
+
+class _Line(NamedTuple):
+    color: str
+    style: Any
+
+
+# a dashed line is drawn over a full one, so that both are seen where they agree
+_MODEL_LINES = {
+    "electrochemical": _Line("#0072B2", "-"),
+    "biphasic-swelling": _Line("#D55E00", (0, (4, 1.5))),
+    "biphasic": _Line("#009E73", (0, (1, 1.2))),
+}
+_OTHER_LINES = (
+    _Line("#0072B2", "-"),
+    _Line("#D55E00", (0, (4, 1.5))),
+    _Line("#009E73", (0, (1, 1.2))),
+    _Line("#CC79A7", (0, (6, 1.5, 1, 1.5))),
+    _Line("#000000", "-"),
+    _Line("#E69F00", (0, (4, 1.5))),
+    _Line("#56B4E9", (0, (1, 1.2))),
+)
+_PRINT_UNITS = {  # unit in the file: factor, unit in print
+    "N mm-2": (1.0, "MPa"),
+    "mmol mm-3": (1e3, "M"),
+    "mm s-1": (1e3, "µm/s"),
+    "mmol mm-2 s-1": (1e6, "nmol/(mm² s)"),
+    "A mm-2": (1e6, "µA/mm²"),
+}
+_Parameters = ParamSpec("_Parameters")
+
+
+def in_print_style(draw: Callable[_Parameters, Figure]) -> Callable[_Parameters, Figure]:
+    """Draw a figure with sizes and fonts for print."""
+
+    @wraps(draw)
+    def styled(*args: _Parameters.args, **kwargs: _Parameters.kwargs) -> Figure:
+        with mpl.rc_context(_PRINT_STYLE):
+            return draw(*args, **kwargs)
+
+    return styled
+
+
+@in_print_style
+def result_figure(
+    results: Mapping[str, xr.Dataset], times: Sequence[float], variables: Sequence[str]
+) -> Figure:
+    """Global strain against time, and a row of profiles for each variable with a panel for each time.
+
+    Parameters
+    ----------
+    results
+        Results of columns by label.
+    times
+        Times of the profiles, s.
+    variables
+        Fields in cells or at nodes.
+    """
+    columns = max(len(times), 1)
+    figure = Figure(figsize=(_WIDTH, 2.1 + 1.55 * len(variables)), layout="constrained")
+    grid = figure.add_gridspec(1 + len(variables), columns, height_ratios=[1.35] + [1.0] * len(variables))
+    lines = line_styles(results)
+    top = figure.add_subplot(grid[0, :])
+    _draw_histories(top, results, lines)
+    scale, unit = _time_unit(results)
+    for at in times:
+        top.axvline(at * scale, color="0.75", linewidth=0.6, zorder=0)
+    first: Axes | None = None
+    for row, variable in enumerate(variables, start=1):
+        shared: Axes | None = None
+        for column, at in enumerate(times):
+            axes = figure.add_subplot(grid[row, column], sharex=first, sharey=shared)
+            first, shared = first or axes, shared or axes
+            for label, result in results.items():
+                if variable in result:
+                    _draw_profile(axes, result, variable, at, lines[label])
+            if row == 1:
+                axes.set_title(f"$t$ = {at * scale:.4g} {unit}")
+            axes.tick_params(labelleft=column == 0, labelbottom=row == len(variables))
+            if column == 0:
+                axes.set_ylabel(axis_label(variable))
+            if row == len(variables):
+                axes.set_xlabel("distance from filter (mm)")
+    figure.align_ylabels()
+    return figure
+
+
+@in_print_style
+def comparison_figure(comparison: Comparison) -> Figure:
+    """Global strain of the models, their differences from the reference, and local strains where these peak."""
+    results, reference = comparison.results, comparison.reference
+    phases = comparison.phases[:_MOST_COLUMNS]
+    figure = Figure(figsize=(_WIDTH, 4.9), layout="constrained")
+    grid = figure.add_gridspec(2, 1)
+    upper = grid[0].subgridspec(1, 2)
+    lower = grid[1].subgridspec(1, len(phases))
+    lines = line_styles(results)
+    left, right = (figure.add_subplot(upper[0, i]) for i in range(2))
+    _draw_histories(left, results, lines)
+    scale, unit = _time_unit(results)
+    base = results[reference]
+    for label in results:
+        if label != reference:
+            time = results[label]["time"].values
+            gap = results[label]["global_strain"].values - np.interp(
+                time, base["time"].values, base["global_strain"].values
+            )
+            right.plot(time * scale, gap, color=lines[label].color, linestyle=lines[label].style, label=label)
+    right.axhline(0.0, color="0.6", linewidth=0.6, zorder=0)
+    right.set(xlabel=f"time ({unit})", ylabel=f"global strain less {reference}")
+    right.legend()
+    shared: Axes | None = None
+    for column, phase in enumerate(phases):
+        axes = figure.add_subplot(lower[0, column], sharey=shared)
+        shared = shared or axes
+        # where the nearest of the other models is farthest off: the one whose use is in question
+        difference = max(comparison.of_phase(phase), key=lambda each: np.nan_to_num(each.r_squared, nan=-np.inf))
+        for label, result in results.items():
+            profile = profile_at(result["time"].values, local_strain(result), difference.time)
+            _plot(axes, result["x"].values, profile, lines[label], label)
+        axes.set_title(f"{phase}, {difference.time_in_phase * scale:.4g} {unit} after its start")
+        axes.set_xlabel("distance from filter (mm)")
+        axes.tick_params(labelleft=column == 0)
+        if column == 0:
+            axes.set_ylabel("local strain")
+    for letter, axes in zip("abcdef", figure.axes, strict=False):
+        axes.set_title(letter, loc="left", fontweight="bold")
+    return figure
+
+
+def line_styles(results: Mapping[str, xr.Dataset]) -> dict[str, _Line]:
+    """A line for each result: that of its model if all models differ, else in order."""
+    models = [result.attrs["model"] for result in results.values()]
+    if len(set(models)) == len(models):
+        return {label: _MODEL_LINES[model] for label, model in zip(results, models, strict=True)}
+    return {label: _OTHER_LINES[index % len(_OTHER_LINES)] for index, label in enumerate(results)}
+
+
+def result_labels(paths: Sequence[Path], results: Sequence[xr.Dataset]) -> list[str]:
+    """Labels that tell results apart: their models, else their paths."""
+    models = [str(result.attrs["model"]) for result in results]
+    if len(set(models)) == len(models):
+        return models
+    stems = [path.stem for path in paths]
+    if len(set(stems)) == len(stems):
+        return stems
+    labels = [str(path.with_suffix("")) for path in paths]
+    for label in labels:
+        if labels.count(label) > 1:
+            raise OutputError(f"{label}.nc: is given more than once")
+    return labels
+
+
+def chosen_variables(results: Mapping[str, xr.Dataset], names: Sequence[str] | None) -> list[str]:
+    """Fields to draw over the depth: those asked for, or the usual ones.
+
+    Raises
+    ------
+    OutputError
+        If a name is no field of the results that has a profile.
+    """
+    known = [
+        name
+        for name, field in FIELDS.items()
+        if field.location in ("cell", "node") and any(name in result for result in results.values())
+    ]
+    if not names:
+        return [name for name in _DEFAULT_VARIABLES if name in known]
+    problems = []
+    for name in names:
+        if name not in known:
+            near = nearest_name(name, known)
+            hint = f"did you mean {near}?" if near else f"there are {', '.join(known)}"
+            problems.append(f"variable {name}: is not over the depth in these results; {hint}")
+    if problems:
+        raise OutputError("\n".join(problems))
+    return list(names)
+
+
+def chosen_times(results: Mapping[str, xr.Dataset], text: str | None) -> list[float]:
+    """Times of the profiles, s, each the output time of the first result that is nearest to what is wanted.
+
+    Without a text they lie in the first phase, where the models differ most.
+
+    Raises
+    ------
+    OutputError
+        If the text is no list of times, or a time is beyond the results.
+    """
+    first = next(iter(results.values()))
+    outputs = first["time"].values
+    if text is None:
+        wanted = [fraction * float(first["phase_end"][0]) for fraction in _DEFAULT_TIMES]
+    else:
+        wanted, problems = [], []
+        for item in text.split(","):
+            try:
+                seconds = parse(item.strip(), "time")
+            except QuantityError as error:
+                problems.append(f'time "{item.strip()}": {error}')
+                continue
+            if not 0.0 <= seconds <= outputs[-1]:
+                problems.append(f'time "{item.strip()}": must be from 0 to {outputs[-1]:.6g} s')
+            wanted.append(seconds)
+        if problems:
+            raise OutputError("\n".join(problems))
+    return sorted({float(outputs[np.abs(outputs - at).argmin()]) for at in wanted})
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure; PNG at 300 dots an inch, PDF or SVG by the name.
+
+    Raises
+    ------
+    OutputError
+        If the name ends otherwise or the file cannot be written.
+    """
+    if path.suffix.lower() not in FORMATS:
+        raise OutputError(f"{path}: must end in {', '.join(FORMATS)}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with mpl.rc_context(_PRINT_STYLE):
+            figure.savefig(path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def axis_label(variable: str) -> str:
+    """Name of a field with its unit in print."""
+    name, unit = variable.replace("_", " "), _print_unit(variable)[1]
+    return f"{name} ({unit})" if unit else name
+
+
+def _print_unit(variable: str) -> tuple[float, str]:
+    unit = FIELDS[variable].units
+    return _PRINT_UNITS.get(unit, (1.0, "" if unit == "1" else unit))
+
+
+def _time_unit(results: Mapping[str, xr.Dataset]) -> tuple[float, str]:
+    """Factor and unit that keep times readable."""
+    end = max(float(result["time"][-1]) for result in results.values())
+    return (1.0, "s") if end < 2e4 else (1.0 / 3600.0, "h")
+
+
+def _draw_histories(axes: Axes, results: Mapping[str, xr.Dataset], lines: Mapping[str, _Line]) -> None:
+    scale, unit = _time_unit(results)
+    for label, result in results.items():
+        _plot(axes, result["time"].values * scale, result["global_strain"].values, lines[label], label)
+    axes.set(xlabel=f"time ({unit})", ylabel="global strain")
+    axes.margins(x=0.02)
+    axes.legend()
+
+
+def _draw_profile(axes: Axes, result: xr.Dataset, variable: str, at: float, line: _Line) -> None:
+    position = "x" if FIELDS[variable].location == "cell" else "x_node"
+    values = profile_at(result["time"].values, result[variable].values, at) * _print_unit(variable)[0]
+    _plot(axes, result[position].values, values, line)
+
+
+def _plot(axes: Axes, x: Array, y: Array, line: _Line, label: str | None = None) -> None:
+    axes.plot(x, y, color=line.color, linestyle=line.style, label=label)
