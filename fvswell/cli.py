@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from fvswell import __version__
-from fvswell.case_errors import CaseError
+from fvswell.case_errors import CaseError, Problem
 from fvswell.console import Console, told_errors
 from fvswell.errors import OutputError, SolverError
 
@@ -162,7 +162,7 @@ def compare(
     table, *figures = (directory / f"comparison.{suffix}" for suffix in ("csv", "png", "pdf"))
     refuse_existing([*paths.values(), table, *figures], force)
     console = Console(quiet)
-    console.lines(*case_lines(case))
+    console.lines(*case_lines(case, ", ".join(cases)))
     durations: list[float] | None = None
     results = {}
     for name, each in cases.items():
@@ -235,7 +235,7 @@ def _read_case(path: Path, settings: list[str] | None, model: str | None = None)
     from fvswell.results import read_case
 
     changes: dict[str, Any] = {}
-    problems = []
+    problems: list[Problem] = []
     for setting in settings or []:
         try:
             key, value = parse_setting(setting)

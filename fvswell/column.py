@@ -57,7 +57,7 @@ class Column:
         return Column(self.cells.rows(index), self.faces.rows(index))
 
     def log_concentration(self, state: Array, loads: Loads) -> Array:
-        """ln c~: an unknown where ions are transported, else that of the bath."""
+        """Ln c~: an unknown where ions are transported, else that of the bath."""
         return state[1] if self.state_size > 1 else np.log(loads.bath_concentration)
 
     def at_cells(self, state: Array, loads: Loads) -> PointState:

@@ -10,6 +10,7 @@ import numpy as np
 from fvswell.case import Case
 from fvswell.case_values import Ramp, final_value
 from fvswell.column import Column
+from fvswell.conservation import ConservationBooks
 from fvswell.electrochemistry import ion_concentrations
 from fvswell.equilibrium import equilibrium_volume_ratio
 from fvswell.grid import ColumnGrid, column_grid
@@ -84,6 +85,16 @@ class ColumnBatch:
             fluxes=np.zeros((*unknowns.shape[:2], cells + 1)),
             phase=np.zeros(rows, dtype=int), time=np.zeros(rows), elapsed=np.zeros(rows),
         )  # fmt: skip
+
+    def books(self, state: State) -> ConservationBooks:
+        """Books on the balances, from a state on."""
+        cations = self._cation_contents if self.model.transports_ions else None
+        return ConservationBooks(self.grid.widths, self.model.balances, state, cations)
+
+    def _cation_contents(self, unknowns: Array) -> Array:
+        """Cations per reference volume, (rows, cells)."""
+        state = self.cells.at(unknowns[0], unknowns[1])
+        return (state.J - 1.0 + self.cells.tissue.fluid_fraction) * state.cation
 
     def drives(self) -> dict[str, Drive]:
         """Driven quantities over the phases; the bath keeps its value where a phase does not name it."""

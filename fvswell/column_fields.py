@@ -84,6 +84,7 @@ def _ion_fluxes(grid: ColumnGrid, laws: Column, state: State, loads: Loads) -> R
     distance = grid.distances * J_face
     at_faces = ion_concentrations(tissue, J_face, log_c_face)
     in_cells = ion_concentrations(laws.cells.tissue, J, log_c)
+    at_filter = ion_concentrations(tissue.points(slice(0, 1)), _filter_stretch(grid, J), bath)
     log_c_gradient = np.diff(log_c, axis=1, prepend=bath) / distance
     psi_gradient = np.diff(psi, axis=1, prepend=0.0) / distance
     water, anion, current = state.fluxes[:, 0]
@@ -94,7 +95,7 @@ def _ion_fluxes(grid: ColumnGrid, laws: Column, state: State, loads: Loads) -> R
     )
     for index, (ion, flux, diffusivity, valence) in enumerate(ions):
         face, cells = at_faces[index], in_cells[index]
-        gradient = np.diff(cells, axis=1, prepend=face[:, :1]) / distance
+        gradient = np.diff(cells, axis=1, prepend=at_filter[index]) / distance
         # grad xi from the virtual potential and the Donnan potential, see electrochemistry.electric_potential
         energy_gradient = valence * psi_gradient + log_c_gradient - gradient / face
         parts = ion_flux_parts(tissue, J_face, face, diffusivity, water[None, :-1], gradient, energy_gradient)
@@ -102,3 +103,8 @@ def _ion_fluxes(grid: ColumnGrid, laws: Column, state: State, loads: Loads) -> R
         for part, value in zip(IonFluxParts._fields, parts, strict=True):
             record[f"{ion}_flux_{part}"] = np.append(np.broadcast_to(value, J.shape)[0], 0.0)
     return record
+
+
+def _filter_stretch(grid: ColumnGrid, J: Array) -> Array:
+    """J at the filter, from the two cells above it; the fluxes use that of the first cell there, (rows, 1)."""
+    return J[:, :1] - (J[:, 1:2] - J[:, :1]) * grid.distances[0] / grid.distances[1]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ __all__ = [
     "compare_results",
     "history_at",
     "local_strain",
+    "phase_histories",
     "profile_at",
     "reference_model",
     "with_models",
@@ -66,6 +68,11 @@ class Comparison:
     differences: tuple[Difference, ...]
 
     @property
+    def quantity(self) -> str:
+        """What the histories of the first phase are of."""
+        return self.differences[0].quantity
+
+    @property
     def phases(self) -> tuple[str, ...]:
         """Names of the phases."""
         return tuple(dict.fromkeys(difference.phase for difference in self.differences))
@@ -73,6 +80,16 @@ class Comparison:
     def of_phase(self, phase: str) -> tuple[Difference, ...]:
         """Differences of all models in a phase."""
         return tuple(difference for difference in self.differences if difference.phase == phase)
+
+    def gap(self, model: str) -> tuple[Array, Array]:
+        """Times, s, and how far the ``quantity`` of a model is above the reference's."""
+        ends = self.results[self.reference]["phase_end"].values
+        times, gaps = [np.zeros(1)], [np.zeros(1)]
+        for start, end in pairwise([0.0, *ends]):
+            at, histories = phase_histories(self.results, self.quantity, start, end)
+            times.append(at)
+            gaps.append(histories[model] - histories[self.reference])
+        return np.concatenate(times), np.concatenate(gaps)
 
     def table(self) -> list[dict[str, Any]]:
         """One row for each phase and model."""
@@ -139,39 +156,54 @@ def compare_results(results: Mapping[str, xr.Dataset]) -> Comparison:
     reference = reference_model(list(results))
     base = results[reference]
     case = Case.from_toml(base.attrs["case_toml"])
-    ends = base["phase_end"].values
+    spans = pairwise([0.0, *base["phase_end"].values])
     differences = []
-    for index, phase in enumerate(case.phase):
-        start = ends[index - 1] if index else 0.0
+    for index, (phase, (start, end)) in enumerate(zip(case.phase, spans, strict=True)):
         quantity = "global_strain" if phase.piston_displacement is None else "applied_pressure"
-        at = common_times([result["time"].values for result in results.values()], start, ends[index])
-        for model, result in results.items():
-            if model != reference:
-                numbers = _numbers(result, base, quantity, start, at)
-                rest = (float(r["equilibrium_strain"][index]) for r in (result, base))
-                differences.append(Difference(phase.name, model, quantity, *numbers, *rest))
+        at, histories = phase_histories(results, quantity, start, end)
+        for model in results:
+            if model == reference:
+                continue
+            own, data = histories[model], histories[reference]
+            farthest = int(np.argmax(np.abs(own - data)))
+            differences.append(
+                Difference(
+                    phase=phase.name,
+                    model=model,
+                    quantity=quantity,
+                    r_squared=float(coefficient_of_determination(data, own)),
+                    largest=float(own[farthest] - data[farthest]),
+                    time=float(at[farthest]),
+                    time_in_phase=float(at[farthest] - start),
+                    **_local_difference(results[model], base, float(at[farthest])),
+                    equilibrium_strain=float(results[model]["equilibrium_strain"][index]),
+                    reference_equilibrium_strain=float(base["equilibrium_strain"][index]),
+                )
+            )
     return Comparison(reference, dict(results), tuple(differences))
 
 
-def _numbers(
-    result: xr.Dataset, base: xr.Dataset, quantity: str, start: float, at: Array
-) -> tuple[float, ...]:
-    """Numbers of a `Difference`, from its R^2 to its depth."""
-    own, data = (history_at(r["time"].values, r[quantity].values, start, at) for r in (result, base))
-    farthest = int(np.argmax(np.abs(own - data)))
-    time = float(at[farthest])
-    own_local, local = (profile_at(r["time"].values, local_strain(r), time) for r in (result, base))
-    cell = int(np.argmax(np.abs(own_local - local)))
-    gap = float(own_local[cell] - local[cell])
-    return (
-        float(coefficient_of_determination(data, own)),
-        float(own[farthest] - data[farthest]),
-        time,
-        time - start,
-        gap,
-        abs(gap / float(local[cell])) if local[cell] else np.nan,
-        float(base["x"][cell]),
-    )
+def phase_histories(
+    results: Mapping[str, xr.Dataset], quantity: str, start: float, end: float
+) -> tuple[Array, dict[str, Array]]:
+    """Common times in a phase and the history of a quantity there in each result."""
+    times = {name: result["time"].values for name, result in results.items()}
+    at = common_times(list(times.values()), start, end)
+    return at, {
+        name: history_at(times[name], result[quantity].values, start, at) for name, result in results.items()
+    }
+
+
+def _local_difference(result: xr.Dataset, base: xr.Dataset, time: float) -> dict[str, float]:
+    """Largest difference of the local strain at a time, by the names of `Difference`."""
+    own, reference = (profile_at(r["time"].values, local_strain(r), time) for r in (result, base))
+    cell = int(np.argmax(np.abs(own - reference)))
+    gap, whole = float(own[cell] - reference[cell]), float(reference[cell])
+    return {
+        "local_strain": gap,
+        "local_strain_ratio": abs(gap / whole) if whole else np.nan,
+        "depth": float(base["x"][cell]),
+    }
 
 
 def common_times(times: Sequence[Array], start: float, end: float) -> Array:

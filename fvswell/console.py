@@ -96,10 +96,11 @@ class _PlainProgress:
     """A line at every tenth of a run."""
 
     def __init__(self, model: str) -> None:
-        self.model, self.lines = model, 0
-        self.began = time.perf_counter()
+        self.model, self.lines, self.began = model, 0, 0.0
 
     def __call__(self, progress: Progress) -> None:
+        if progress.steps == 0:
+            self.began = time.perf_counter()
         share = progress.time / progress.phase_ends[-1]
         if share * _PLAIN_LINES < self.lines + 1 - 1e-9:
             return

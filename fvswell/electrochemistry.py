@@ -70,7 +70,7 @@ def ion_concentration_derivatives(
 
 
 def osmotic_pressure(tissue: Tissue, cation: Array, anion: Array) -> Array:
-    """pi = phi_int R T (c+ + c-), MPa; Wilson et al. (2005), eq 4."""
+    """Pi = phi_int R T (c+ + c-), MPa; Wilson et al. (2005), eq 4."""
     return tissue.osmotic_coefficient * tissue.thermal_energy * (cation + anion)
 
 
@@ -80,7 +80,7 @@ def bath_osmotic_pressure(osmotic_coefficient: Array, thermal_energy: Array, con
 
 
 def electric_potential(tissue: Tissue, cation: Array, log_concentration: Array, virtual_potential: Array) -> Array:
-    """xi = psi~ - (R T/F) ln(c+/(sqrt(g) c~)), mV.
+    """Xi = psi~ - (R T/F) ln(c+/(sqrt(g) c~)), mV.
 
     ``virtual_potential`` is F psi~/(R T), without unit. The second term is the Donnan potential.
     """

@@ -49,7 +49,7 @@ class IonFluxParts(NamedTuple):
 
 
 def darcy_flux(permeability: Array, water_potential_gradient: Array) -> Array:
-    """q = -k grad mu_f, mm/s."""
+    """Q = -k grad mu_f, mm/s."""
     return -permeability * water_potential_gradient
 
 

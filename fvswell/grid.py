@@ -59,7 +59,7 @@ def column_grid(height: float, cells: int, grading: float) -> ColumnGrid:
     lower, upper = np.ma.filled(mesh._adjacentCellIDs, -1)
     inner = lower != upper
     if not (np.array_equal(upper[:-1], np.arange(cells)) and np.array_equal(lower[1:-1], np.arange(cells - 1))):
-        raise RuntimeError("this version of FiPy orders the faces of a Grid1D differently; fvswell needs fipy>=4.0.3,<5")
+        raise RuntimeError("this FiPy orders the faces of a Grid1D differently; fvswell needs fipy>=4.0.3,<5")
     widths = np.array(mesh.cellVolumes)
     distances = np.array(mesh._cellDistances)[:-1]
     half = np.where(inner[:-1], 0.5, 0.0)

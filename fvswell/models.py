@@ -59,8 +59,8 @@ class PointState(NamedTuple):
     """What the local laws depend on by value; concentrations in mmol per mm3 of fluid, without meaning in biphasic."""
 
     J: Array
-    cation: Array | float
-    anion: Array | float
+    cation: Array
+    anion: Array
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class Mixture:
     def at(self, J: Array, log_concentration: Array) -> PointState:
         """The local state from J and ln c~, real or complex."""
         if not self.model.swelling:
-            return PointState(J, 0.0, 0.0)
+            return PointState(J, np.zeros(()), np.zeros(()))
         return PointState(J, *ion_concentrations(self.tissue, J, log_concentration))
 
     def osmotic_pressure(self, state: PointState) -> Array | float:
@@ -150,7 +150,7 @@ class Mixture:
         return np.stack([flux.water, flux.anion, flux.cation - flux.anion])
 
     def flux_derivatives(self, state: PointState, gradients: Array) -> FluxDerivatives:
-        """Derivatives of `fluxes` by J (and ln c~), (balances, 2 or 1, ...), and by the gradients, (balances, balances, ...)."""
+        """Derivatives of `fluxes` by the state and by the gradients."""
         if self.model.transports_ions:
             return mixture_flux_derivatives(self.tissue, *state, *gradients)
         by_J = darcy_flux(self._permeability_slope(state), gradients[0])

@@ -12,7 +12,7 @@ __all__ = ["hydraulic_permeability", "open_circuit_permeability", "open_circuit_
 
 
 def hydraulic_permeability(tissue: Tissue, J: Array) -> Array:
-    """k = k0 exp(M (J - 1)), mm4/(N s)."""
+    """K = k0 exp(M (J - 1)), mm4/(N s)."""
     return tissue.hydraulic_permeability * np.exp(tissue.permeability_exponent * (J - 1.0))
 
 

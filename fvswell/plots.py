@@ -1,7 +1,7 @@
 """Figures for print: histories of columns and profiles over their depth.
 
-Sizes are those of a journal page. Colours (Okabe & Ito) can be told apart by the colour-blind, and lines differ
-in style as well. Figures are made without pyplot, so no display or global state is involved.
+Sizes are those of a journal page. Colours (Okabe & Ito) can be told apart by the colour-blind, and lines
+differ in style as well. Figures are made without pyplot, so no display or global state is involved.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec
 
 import matplotlib as mpl
@@ -45,7 +46,9 @@ _WIDTH = 180.0 / 25.4  # inches: two columns of a journal page
 _DEFAULT_VARIABLES = ("volume_ratio", "fluid_pressure", "anion_concentration")
 _DEFAULT_TIMES = (0.02, 0.1, 0.5)  # of the first phase
 _MOST_COLUMNS = 4
-_PRINT_STYLE = {
+_LABEL_WIDTH = 22  # letters that fit beside a panel
+_DEPTH_LABEL = "distance from filter (mm)"
+_PRINT_STYLE: dict[Any, Any] = {
     "font.family": "sans-serif",
     "font.size": 8,
     "axes.labelsize": 8,
@@ -74,7 +77,6 @@ class _Line(NamedTuple):
     style: Any
 
 
-# a dashed line is drawn over a full one, so that both are seen where they agree
 _MODEL_LINES = {
     "electrochemical": _Line("#0072B2", "-"),
     "biphasic-swelling": _Line("#D55E00", (0, (4, 1.5))),
@@ -147,48 +149,41 @@ def result_figure(
                 axes.set_title(f"$t$ = {at * scale:.4g} {unit}")
             axes.tick_params(labelleft=column == 0, labelbottom=row == len(variables))
             if column == 0:
-                axes.set_ylabel(axis_label(variable))
+                axes.set_ylabel(fill(axis_label(variable), _LABEL_WIDTH))
             if row == len(variables):
-                axes.set_xlabel("distance from filter (mm)")
+                axes.set_xlabel(_DEPTH_LABEL)
     figure.align_ylabels()
     return figure
 
 
 @in_print_style
 def comparison_figure(comparison: Comparison) -> Figure:
-    """Global strain of the models, their differences from the reference, and local strains where these peak."""
-    results, reference = comparison.results, comparison.reference
+    """Histories of the models, how far they are from the reference, and local strains where that is most.
+
+    The time of the local strains is that of the largest difference of the nearest of the other models, the one
+    whose use is in question.
+    """
+    results = comparison.results
     phases = comparison.phases[:_MOST_COLUMNS]
     figure = Figure(figsize=(_WIDTH, 4.9), layout="constrained")
-    grid = figure.add_gridspec(2, 1)
-    upper = grid[0].subgridspec(1, 2)
-    lower = grid[1].subgridspec(1, len(phases))
+    grid = figure.add_gridspec(2, 2 * len(phases))
     lines = line_styles(results)
-    left, right = (figure.add_subplot(upper[0, i]) for i in range(2))
-    _draw_histories(left, results, lines)
+    histories = figure.add_subplot(grid[0, : len(phases)])
+    _draw_histories(histories, results, lines, comparison.quantity)
+    _draw_gaps(figure.add_subplot(grid[0, len(phases) :]), comparison, lines)
     scale, unit = _time_unit(results)
-    base = results[reference]
-    for label in results:
-        if label != reference:
-            time = results[label]["time"].values
-            gap = results[label]["global_strain"].values - np.interp(
-                time, base["time"].values, base["global_strain"].values
-            )
-            right.plot(time * scale, gap, color=lines[label].color, linestyle=lines[label].style, label=label)
-    right.axhline(0.0, color="0.6", linewidth=0.6, zorder=0)
-    right.set(xlabel=f"time ({unit})", ylabel=f"global strain less {reference}")
-    right.legend()
     shared: Axes | None = None
     for column, phase in enumerate(phases):
-        axes = figure.add_subplot(lower[0, column], sharey=shared)
+        axes = figure.add_subplot(grid[1, 2 * column : 2 * column + 2], sharey=shared)
         shared = shared or axes
-        # where the nearest of the other models is farthest off: the one whose use is in question
-        difference = max(comparison.of_phase(phase), key=lambda each: np.nan_to_num(each.r_squared, nan=-np.inf))
+        nearest = max(
+            comparison.of_phase(phase), key=lambda each: np.nan_to_num(each.r_squared, nan=-np.inf)
+        )
         for label, result in results.items():
-            profile = profile_at(result["time"].values, local_strain(result), difference.time)
-            _plot(axes, result["x"].values, profile, lines[label], label)
-        axes.set_title(f"{phase}, {difference.time_in_phase * scale:.4g} {unit} after its start")
-        axes.set_xlabel("distance from filter (mm)")
+            profile = profile_at(result["time"].values, local_strain(result), nearest.time)
+            _draw_over_depth(axes, result, "x", profile, lines[label])
+        axes.set_title(f"{phase}, after {nearest.time_in_phase * scale:.4g} {unit}")
+        axes.set_xlabel(_DEPTH_LABEL)
         axes.tick_params(labelleft=column == 0)
         if column == 0:
             axes.set_ylabel("local strain")
@@ -311,11 +306,26 @@ def _time_unit(results: Mapping[str, xr.Dataset]) -> tuple[float, str]:
     return (1.0, "s") if end < 2e4 else (1.0 / 3600.0, "h")
 
 
-def _draw_histories(axes: Axes, results: Mapping[str, xr.Dataset], lines: Mapping[str, _Line]) -> None:
+def _draw_histories(
+    axes: Axes, results: Mapping[str, xr.Dataset], lines: Mapping[str, _Line], variable: str = "global_strain"
+) -> None:
     scale, unit = _time_unit(results)
     for label, result in results.items():
-        _plot(axes, result["time"].values * scale, result["global_strain"].values, lines[label], label)
-    axes.set(xlabel=f"time ({unit})", ylabel="global strain")
+        _plot(axes, result["time"].values * scale, result[variable].values, lines[label], label)
+    axes.set(xlabel=f"time ({unit})", ylabel=axis_label(variable))
+    axes.margins(x=0.02)
+    axes.legend()
+
+
+def _draw_gaps(axes: Axes, comparison: Comparison, lines: Mapping[str, _Line]) -> None:
+    scale, unit = _time_unit(comparison.results)
+    for model in comparison.results:
+        if model != comparison.reference:
+            time, gap = comparison.gap(model)
+            _plot(axes, time * scale, gap, lines[model], model)
+    axes.axhline(0.0, color="0.6", linewidth=0.6, zorder=0)
+    label = f"{axis_label(comparison.quantity)},\nless that of {comparison.reference}"
+    axes.set(xlabel=f"time ({unit})", ylabel=label)
     axes.margins(x=0.02)
     axes.legend()
 
@@ -323,8 +333,16 @@ def _draw_histories(axes: Axes, results: Mapping[str, xr.Dataset], lines: Mappin
 def _draw_profile(axes: Axes, result: xr.Dataset, variable: str, at: float, line: _Line) -> None:
     position = "x" if FIELDS[variable].location == "cell" else "x_node"
     values = profile_at(result["time"].values, result[variable].values, at) * _print_unit(variable)[0]
+    _draw_over_depth(axes, result, position, values, line)
+
+
+def _draw_over_depth(axes: Axes, result: xr.Dataset, position: str, values: Array, line: _Line) -> None:
     _plot(axes, result[position].values, values, line)
+    axes.set_xlim(0.0, float(result["x_node"][-1]))
 
 
 def _plot(axes: Axes, x: Array, y: Array, line: _Line, label: str | None = None) -> None:
-    axes.plot(x, y, color=line.color, linestyle=line.style, label=label)
+    # broken lines over full ones, so that both are seen where they agree
+    axes.plot(
+        x, y, color=line.color, linestyle=line.style, label=label, zorder=2.0 if line.style == "-" else 3.0
+    )

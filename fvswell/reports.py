@@ -44,12 +44,12 @@ _TISSUE_IN_SHORT = (
 _SAME_TIME = 1e-9  # relative
 
 
-def case_lines(case: Case) -> list[str]:
-    """A case in short."""
+def case_lines(case: Case, models: str | None = None) -> list[str]:
+    """A case in short, with its own model or the names of those that are run."""
     tissue = ", ".join(f"{_words(key)} {_value(case.tissue, key)}" for key in _TISSUE_IN_SHORT)
     return [
         case.title,
-        f"  model     {case.model}",
+        f"  model     {models or case.model}",
         f"  geometry  {_table(case.geometry)}",
         f"  tissue    {case.tissue.solid}, {tissue}",
         f"  bath      {_table(case.bath)}",
@@ -106,8 +106,8 @@ def effort_lines(result: xr.Dataset) -> list[str]:
     iterations = int(result["step_iterations"].sum())
     errors = [
         f"{name.removesuffix('_balance_error')} {float(result[name].max()):.1e}"
-        for name in result.data_vars
-        if str(name).endswith("_balance_error")
+        for name in map(str, result.data_vars)
+        if name.endswith("_balance_error")
     ]
     return [
         f"{result.sizes['step']} steps, {iterations} Newton iterations",

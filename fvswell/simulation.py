@@ -12,7 +12,6 @@ import xarray as xr
 from fvswell.case import Case
 from fvswell.column_batch import ColumnBatch
 from fvswell.column_fields import column_fields
-from fvswell.conservation import ConservationBooks
 from fvswell.errors import SolverError
 from fvswell.fields import FIELDS
 from fvswell.relaxation import phase_durations
@@ -156,7 +155,7 @@ class _Recorder:
     ) -> None:
         self.batch, self.file, self.report = batch, file, report
         self.state = batch.start()
-        self.books = ConservationBooks(batch.grid.widths, batch.model.balances, rows=1)
+        self.books = batch.books(self.state)
         self.every = batch.cases[0].output.every
         self.output_times = [batch.output_times(duration, p)[0] for p in range(duration.shape[1])]
         self.phase_ends = tuple(np.cumsum(duration[0]).tolist())
@@ -209,8 +208,6 @@ class _Recorder:
         fields = column_fields(batch.grid, batch.system.term.laws, state, float(batch.initial_height[0]))
         record = {name: np.array(value) for name, value in fields.items()}  # the state moves on beneath them
         errors = dict(zip(self.books.balances, self.books.take_error()[:, 0], strict=True))
-        if "anion" in errors:
-            errors["cation"] = errors["anion"] + errors["charge"]
         record |= {f"{balance}_balance_error": np.array(error) for balance, error in errors.items()}
         self.times.append(float(state.elapsed[0]))
         self.records.append(record)

@@ -13,7 +13,16 @@ import numpy as np
 
 from fvswell.tissue import Array, Tissue
 
-__all__ = ["SOLIDS", "SolidStress", "aggregate_modulus", "bulk_modulus", "cauchy_stress", "shear_modulus", "uniaxial_stiffness", "uniaxial_stress"]
+__all__ = [
+    "SOLIDS",
+    "SolidStress",
+    "aggregate_modulus",
+    "bulk_modulus",
+    "cauchy_stress",
+    "shear_modulus",
+    "uniaxial_stiffness",
+    "uniaxial_stress",
+]
 
 _COMPLEX_STEP = 1e-40  # far below rounding: the imaginary part over it is the derivative exactly
 

@@ -34,10 +34,10 @@ from fipy.solvers.scipy import LinearLUSolver  # isort: skip
 __all__ = ["StockTermsTransport"]
 
 
-class _AlwaysImplicitSourceTerm(ImplicitSourceTerm):  # type: ignore[misc]
+class _AlwaysImplicitSourceTerm(ImplicitSourceTerm):
     """FiPy's own goes explicit, cell by cell, where the sign of its coefficient would weaken the diagonal."""
 
-    def _getWeight(self, var: Any, transientGeomCoeff: Any = None, diffusionGeomCoeff: Any = None) -> Any:  # noqa: N802, N803
+    def _getWeight(self, var: Any, transientGeomCoeff: Any = None, diffusionGeomCoeff: Any = None) -> Any:
         zero = np.zeros(var.shape)
         return {"diagonal": zero + 1.0, "old value": zero, "b vector": zero, "new value": zero}
 
@@ -95,7 +95,8 @@ class StockTermsTransport(CoupledTransportTerm):
         mobility, flux_slopes = self._flux_coefficients(now)
         equations = None
         for e in range(len(unknowns)):
-            balance = CellVariable(mesh=mesh, value=(now.contents[e, 0] - interval.base[e, 0]) / interval.duration[0, 0])
+            gained = now.contents[e, 0] - interval.base[e, 0]
+            balance = CellVariable(mesh=mesh, value=gained / interval.duration[0, 0])
             for variable, slope, scale in zip(state, storage[e], per_volume, strict=True):
                 balance = balance + TransientTerm(coeff=CellVariable(mesh=mesh, value=slope * scale), var=variable)
             for variable, coefficient in zip(driving, mobility[e], strict=True):
@@ -106,14 +107,16 @@ class StockTermsTransport(CoupledTransportTerm):
         momentum = _AlwaysImplicitSourceTerm(coeff=1.0, var=driving[0]) - CellVariable(mesh=mesh, value=potentials[0])
         for variable, slope, scale in zip(state, water_slopes, per_volume, strict=True):
             coefficient = CellVariable(mesh=mesh, value=slope * scale)
-            momentum = momentum - _AlwaysImplicitSourceTerm(coeff=coefficient, var=variable) + coefficient * variable.value
+            momentum = momentum - _AlwaysImplicitSourceTerm(coeff=coefficient, var=variable)
+            momentum = momentum + coefficient * variable.value
 
         by_unknowns = np.zeros((len(unknowns) + 1, len(unknowns), len(widths)))
         by_unknowns[0, 0] = widths
         by_unknowns[1, :S] = water_slopes
         for variable in range(1, len(unknowns)):
             by_unknowns[variable + 1, variable] = 1.0
-        return equations & momentum, by_unknowns
+        # FiPy keeps the variables in a set: without a given order the columns of the matrix change from run to run
+        return (equations & momentum)([volume, *driving]), by_unknowns
 
     def _flux_coefficients(self, now: Balance) -> tuple[Array, Array]:
         """At all faces: L, minus flux by reference gradient (e, p, faces), and flux by (V, ln c~) (e, s, faces)."""

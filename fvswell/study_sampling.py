@@ -10,7 +10,6 @@ from scipy.interpolate import CubicHermiteSpline
 
 from fvswell.case import Case
 from fvswell.column_batch import ColumnBatch
-from fvswell.conservation import ConservationBooks
 from fvswell.models import MODELS
 from fvswell.study_runs import samples_per_phase
 from fvswell.time_stepping import Marcher, State, Step
@@ -46,8 +45,9 @@ def model_history(cases: Sequence[Case], model: str, duration: Array) -> ModelHi
     """
     batch = ColumnBatch.of(cases, MODELS[model])
     recorder = _HeightRecorder()
-    books = ConservationBooks(batch.grid.widths, batch.model.balances, rows=len(cases))
-    marcher = Marcher(batch.system, batch.protocol(duration), batch.control(), batch.start(), [recorder, books])
+    state = batch.start()
+    books = batch.books(state)
+    marcher = Marcher(batch.system, batch.protocol(duration), batch.control(), state, [recorder, books])
     marcher.run()
     height = recorder.sampled(batch.initial_height, duration, samples_per_phase(cases[0]))
     problem = np.full(len(cases), "", dtype=object)

@@ -15,6 +15,7 @@ from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 
+from fvswell.errors import SolverError
 from fvswell.study_batches import Batch, BatchResult, run_batch
 
 __all__ = ["Finished", "SchedulerError", "available_cores", "in_this_process", "on_cores", "on_dask"]
@@ -25,7 +26,7 @@ _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS
 _PATIENCE = 30.0  # s, for a cluster to answer
 
 
-class SchedulerError(Exception):
+class SchedulerError(SolverError):
     """Whoever should compute the batches cannot be reached or has given up."""
 
 

@@ -145,7 +145,7 @@ class _Attempt:
     solutions: list[Solution]
     rates: list[Array]  # dJ/dt at the stages, (rows, cells)
     inflow: Array  # (balances, rows)
-    past: _Past | None = None  # as it is after the step
+    past: _Past  # as seen from its end
 
     @property
     def converged(self) -> Array:
@@ -203,21 +203,21 @@ class Marcher:
             self._accept(rows, size, target, attempt, accepted)
         self._resize(rows, size, attempt.converged, error)
         for i in np.flatnonzero(~accepted & (self._size[rows] < _SMALLEST_STEP * ahead)):
-            self._fail(rows[i], attempt.worst_residual(i))
+            self._fail(int(rows[i]), attempt.worst_residual(int(i)))
 
     def _attempt(self, system: System, rows: Array, size: Array) -> _Attempt:
         """Solve the stages of one step of the given rows."""
         state, scheme = self.state, self.control.scheme
         contents = base = state.contents[:, rows]
         unknowns, loads = state.unknowns[:, rows], {name: value[rows] for name, value in state.loads.items()}
-        attempt = _Attempt([], [], np.zeros((len(contents), len(rows))))
-        past, done = self._past.rows(rows), np.zeros(len(rows))
+        attempt = _Attempt([], [], np.zeros((len(contents), len(rows))), self._past.rows(rows))
+        done = np.zeros(len(rows))
         for node, weight in zip(scheme.nodes, scheme.weights, strict=True):
             ahead = node * size
             prescribed = self.protocol.prescribed(
                 rows, state.phase[rows], state.time[rows] + ahead, self._phase_start
             )
-            guess = system.extrapolate(unknowns, past.change(unknowns, ahead - done))
+            guess = system.extrapolate(unknowns, attempt.past.change(unknowns, ahead - done))
             stage = Stage(base, scheme.diagonal * size, prescribed)
             solution = system.solve(guess, loads, stage)
             rate = (solution.contents - base) / stage.duration[:, None]
@@ -225,11 +225,10 @@ class Marcher:
             attempt.rates.append(rate[0])
             attempt.inflow += weight * solution.inflow
             base = contents + (1.0 - scheme.diagonal) * size[:, None] * rate
-            past = past.then(unknowns, ahead - done)
+            attempt.past = attempt.past.then(unknowns, ahead - done)
             unknowns, loads, done = solution.unknowns, solution.loads, ahead
             if not attempt.converged.any():
                 break
-        attempt.past = past
         return attempt
 
     def _error(self, rows: Array, size: Array, attempt: _Attempt) -> Array:

@@ -45,7 +45,7 @@ class Tissue:
 
     @property
     def convection_factor(self) -> Array:
-        """w = 1 - r, the share of the water's velocity that the ions are dragged with."""
+        """W = 1 - r, the share of the water's velocity that the ions are dragged with."""
         return 1.0 - self.hindrance_factor
 
     def rows(self, index: Array) -> Tissue:

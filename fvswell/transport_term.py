@@ -44,7 +44,7 @@ class Balance(NamedTuple):
     gradients: Array  # (balances, rows, faces): of the potentials, by the reference coordinate
 
 
-class CoupledTransportTerm(_UnaryTerm):  # type: ignore[misc]
+class CoupledTransportTerm(_UnaryTerm):
     """The coupled balances of a batch of columns on one grid.
 
     The solver calls `balance` and `linearise`. With a variable and an interval (`bind`), the term is also an ordinary
@@ -125,9 +125,9 @@ class CoupledTransportTerm(_UnaryTerm):  # type: ignore[misc]
             return self.grid.lower_weight, self.grid.upper_weight
         return self.grid.inner_half, self.grid.inner_half
 
-    def _buildMatrix(  # noqa: N802  (FiPy's name)
-        self, var: Any, SparseMatrix: Any, boundaryConditions: Any = (), dt: Any = None,  # noqa: N803
-        transientGeomCoeff: Any = None, diffusionGeomCoeff: Any = None,  # noqa: N803
+    def _buildMatrix(
+        self, var: Any, SparseMatrix: Any, boundaryConditions: Any = (), dt: Any = None,
+        transientGeomCoeff: Any = None, diffusionGeomCoeff: Any = None,
     ) -> tuple[Any, Any, Array]:
         """FiPy's hook: the matrix of a Newton step, and the right side that makes its solution the new state."""
         if self.interval is None:
@@ -139,7 +139,7 @@ class CoupledTransportTerm(_UnaryTerm):  # type: ignore[misc]
         matrix.addAt(*_entries(blocks))
         return var, matrix, matrix * unknowns.ravel() - balance.residual.ravel()
 
-    def _getDefaultSolver(self, var: Any, solver: Any, *args: Any, **kwargs: Any) -> Any:  # noqa: N802
+    def _getDefaultSolver(self, var: Any, solver: Any, *args: Any, **kwargs: Any) -> Any:
         from fipy import LinearLUSolver
 
         return solver or LinearLUSolver(tolerance=1e-14)  # the default skips small steps silently
