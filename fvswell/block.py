@@ -58,7 +58,6 @@ class BlockState(NamedTuple):
     potentials: Array  # (balances, 1, cells)
     osmotic_pressure: Array  # (cells,)
     balance: BlockBalance
-    contents: Array  # (balances + 1, 1, cells) per reference volume; the last is what the stabilisation stores
     admissible: bool  # no cell is inverted or without water
 
 
@@ -101,11 +100,8 @@ class Block:
         potentials, positions = self.potentials(unknowns), self.positions(unknowns)
         corners = positions[:, self.grid.cell_vertices]
         J = self.volume_ratio(positions)
-        balance = self.term.balance(potentials, positions, J, interval._replace(base=interval.base[:-1]))
-        stored = self.storage @ potentials[0, 0]
-        transport = balance.residual.copy()
-        transport[0, 0] += stored - self.grid.volumes * interval.base[-1, 0]
-        osmotic = self._osmotic_pressure(J, potentials, interval.bath_concentration)
+        balance = self._storing(self.term.balance(potentials, positions, J, interval), potentials[0, 0])
+        osmotic = np.broadcast_to(self.term.cells.osmotic_pressure(balance.cells), J.shape)[0]
         pressure = potentials[0, 0] + osmotic
         F = self.solid.deformation_gradient(corners)
         forces = self.solid.forces(F) - pressure * polygon_volume_gradient(self.grid.section, *corners)
@@ -116,8 +112,8 @@ class Block:
             if not np.isnan(target):
                 momentum[index] = (unknowns[index] - target) * self.momentum_scale[index] / self.length_scale
         return BlockState(
-            np.concatenate([momentum, transport.ravel()]), internal, positions, F, J, potentials, osmotic, balance,
-            np.concatenate([balance.contents, (stored / self.grid.volumes)[None, None]]), self._admissible(F, J, balance),
+            np.concatenate([momentum, balance.residual.ravel()]), internal, positions, F, J, potentials, osmotic,
+            balance, self._admissible(F, J, balance),
         )  # fmt: skip
 
     def jacobian(self, state: BlockState, interval: BlockInterval, loads: EdgeLoads) -> Array:
@@ -128,11 +124,8 @@ class Block:
         curvature = local_derivative(
             lambda c: polygon_volume_gradient(section, *c.reshape(2, 4, 8, -1)).reshape(8, 8, -1), corners
         )
-        log_concentration = self.term.log_concentration(state.potentials, interval.bath_concentration)
-        osmotic_slope = local_derivative(
-            lambda y: np.broadcast_to(self.term.cells.osmotic_pressure(self.term.cells.at(*y)), y[:1].shape),
-            np.stack([state.volume_ratio, log_concentration]),
-        ).reshape(2, -1)
+        slopes = self.term.cells.osmotic_pressure_derivatives(state.balance.cells)
+        osmotic_slope = [np.broadcast_to(slope, state.volume_ratio.shape)[0] for slope in slopes]
         pressure = state.potentials[0, 0] + state.osmotic_pressure
         forces = self.solid.stiffness(state.deformation_gradient) - pressure * curvature
         forces -= osmotic_slope[0] / self.grid.volumes * gradient[:, None] * gradient
@@ -140,11 +133,11 @@ class Block:
         edge_forces = -loads.pressure[self.edge_of_face] * local_derivative(
             lambda e: edge_pressure_forces(section, e.reshape(2, 2, 4, -1)).reshape(4, 4, -1), ends
         )
-        by_transport = self.term.derivatives(
-            state.potentials, state.positions, state.volume_ratio, interval, state.balance.faces
-        )
+        by_transport = self.term.derivatives(state.positions, state.balance)
         data = self.pattern.assemble(
-            LocalDerivatives(forces, gradient, osmotic_slope[1], edge_forces, self.storage.data, by_transport, interval.duration)
+            LocalDerivatives(
+                forces, gradient, osmotic_slope[-1], edge_forces, self.storage.data, by_transport, interval.duration
+            )
         )
         for edge, index in self.freedoms.of_tied_edge.items():
             if not np.isnan(loads.displacement[EDGES.index(edge)]):
@@ -155,12 +148,9 @@ class Block:
 
     def edge_areas(self, positions: Array) -> Array:
         """Current areas of the edges projected on their reference direction, in the order of EDGES."""
-        ends = positions[:, self.grid.face_vertices]
+        vectors = edge_area_vectors(self.grid.section, positions[:, self.grid.face_vertices])
         return np.array(
-            [
-                _OUTWARD[edge] * edge_area_vectors(self.grid.section, ends[..., self.grid.edges[edge]])[EDGE_AXIS[edge]].sum()
-                for edge in EDGES
-            ]
+            [_OUTWARD[edge] * vectors[EDGE_AXIS[edge], self.grid.edges[edge]].sum() for edge in EDGES]
         )
 
     def tied_edge_forces(self, state: BlockState) -> dict[str, float]:
@@ -196,9 +186,13 @@ class Block:
     def _modulus(self) -> Array:
         return np.broadcast_to(aggregate_modulus(self.term.cells.tissue)[0], (self.grid.cells,))
 
-    def _osmotic_pressure(self, J: Array, potentials: Array, bath_concentration: float) -> Array:
-        log_concentration = self.term.log_concentration(potentials, bath_concentration)
-        return np.broadcast_to(self.term.cells.osmotic_pressure(self.term.cells.at(J, log_concentration)), J.shape)[0]
+    def _storing(self, balance: BlockBalance, water_potential: Array) -> BlockBalance:
+        """The balance with what the stabilisation stores besides water."""
+        stored = np.zeros_like(balance.residual)
+        stored[0, 0] = self.storage @ water_potential
+        return balance._replace(
+            residual=balance.residual + stored, contents=balance.contents + stored / self.grid.volumes
+        )
 
     def _external_forces(self, unknowns: Array, positions: Array, loads: EdgeLoads) -> Array:
         ends = positions[:, self.grid.face_vertices[:, self.edge_faces]]
@@ -211,8 +205,8 @@ class Block:
     def _admissible(self, F: Array, J: Array, balance: BlockBalance) -> bool:
         upright = (F[0] * F[3] > F[1] * F[2]).all() and (F[4] > 0.0).all()
         cells, faces = self.term.cells.tissue, self.term.faces.tissue
-        wet = (J > 1.0 - cells.fluid_fraction).all() and (balance.faces.volume_ratio > 1.0 - faces.fluid_fraction).all()
-        return bool(upright and wet)
+        water = (J - 1.0 + cells.fluid_fraction, balance.faces.local.J - 1.0 + faces.fluid_fraction)
+        return bool(upright and all((part > 0.0).all() for part in water))
 
 
 def make_block(

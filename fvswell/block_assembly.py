@@ -57,10 +57,10 @@ class JacobianPattern:
     def assemble(self, local: LocalDerivatives) -> Array:
         """Entries of the Jacobian in the order of the pattern."""
         by, dt, g = local.transport, local.duration, local.volume_gradient
-        parts = [local.corner_forces, -g, local.edge_forces, local.storage, by.content_volume_ratio[:, None] * g]
+        parts = [local.corner_forces, -g, local.edge_forces, local.storage, by.contents[:, :1] * g]
         if self._balances > 1:
             volumes = self._grid.volumes
-            parts += [-g * local.osmotic_slope, volumes * by.content_log_concentration, dt * by.log_concentration]
+            parts += [-g * local.osmotic_slope, volumes * by.contents[:, 1], dt * by.log_concentration]
         parts += [dt * by.across, dt * by.along, dt * by.points]
         return self._scatter @ np.concatenate([part.ravel() for part in parts])
 

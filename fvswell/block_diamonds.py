@@ -1,11 +1,11 @@
 """The diamonds around the faces of a block: how differences of potentials across and along a face follow from cells.
 
 The diamond of a face joins the two cell centres and the two ends of the face; at the boundary, the middle of the face
-stands for the missing cell. Potentials at the ends are interpolated from the cells around with constant weights: bilinear
-inside, linear along an impermeable edge (no gradient of a potential is normal to it, as nothing flows), and the bath's
-value on a permeable edge. Inside, they are understood as the potentials at the points that the same weights give from the
-cell centres. These are the ends in the reference state, and near them on the moved grid, so that the gradient is exact
-for linear fields on both.
+stands for the missing cell. Potentials at the ends are interpolated from the cells around with constant weights:
+bilinear inside, linear along an impermeable edge (no gradient of a potential is normal to it, as nothing flows), and
+the bath's value on a permeable edge. Inside, they are understood as the potentials at the points that the same weights
+give from the cell centres. These are the ends in the reference state, and near them on the moved grid, so that the
+gradient is exact for linear fields on both.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def _interpolation(grid: BlockGrid) -> tuple[sparse.csr_array, Array]:
     inside = vertex[1:-1, 1:-1].ravel()
     parts = [(inside, around, _bilinear_weights(grid.centres[:, around], grid.vertices[:, inside]))]
     for corner in ((0, 0), (0, -1), (-1, 0), (-1, -1)):
-        parts.append((vertex[corner][None], cell[corner][None, None], np.ones((1, 1))))
+        parts.append((vertex[corner][None], cell[corner][None, None], np.ones((1, 1))))  # noqa: PERF401
     for side in (np.s_[0, :], np.s_[-1, :], np.s_[:, 0], np.s_[:, -1]):
         wall, pair = vertex[side], np.stack([cell[side][:-1], cell[side][1:]])
         parts.append((wall[1:-1], pair, _linear_weights(grid.centres[:, pair], grid.vertices[:, wall])))

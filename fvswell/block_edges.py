@@ -12,11 +12,12 @@ from scipy import sparse
 from fvswell.block_grid import EDGES, BlockGrid
 from fvswell.tissue import Array
 
-__all__ = ["DISPLACEMENT_CONDITIONS", "EDGES", "EDGE_AXIS", "EdgeCondition", "Freedoms", "check_edges", "drive_names", "freedoms"]
+__all__ = ["EDGES", "EDGE_AXIS", "EdgeCondition", "Freedoms", "check_edges", "drive_names", "freedoms"]
 
-DISPLACEMENT_CONDITIONS = ("fixed", "roller", "free", "tied")
 EDGE_AXIS = {"left": 0, "right": 0, "bottom": 1, "top": 1}  # direction of the normal
-_NEIGHBOURS = {"left": ("bottom", "top"), "right": ("bottom", "top"), "bottom": ("left", "right"), "top": ("left", "right")}
+_NEIGHBOURS = {
+    edge: tuple(other for other in EDGES if EDGE_AXIS[other] != EDGE_AXIS[edge]) for edge in EDGES
+}
 
 
 @dataclass(frozen=True)
@@ -54,8 +55,8 @@ def drive_names(edges: Mapping[str, EdgeCondition]) -> tuple[str, ...]:
     """Names of the quantities that a protocol may drive.
 
     "bath" (mmol/mm3); of a free or tied edge "EDGE.pressure" (MPa, positive in compression, normal to the edge as it
-    moves); of a tied edge also "EDGE.force" (N per mm of thickness, or N on the whole disc; positive in compression) and
-    "EDGE.displacement" (mm from the stress-free solid, positive along x or y).
+    moves); of a tied edge also "EDGE.force" (N per mm of thickness, or N on the whole disc; positive in compression)
+    and "EDGE.displacement" (mm from the stress-free solid, positive along x or y).
     """
     names = ["bath"]
     for edge in EDGES:

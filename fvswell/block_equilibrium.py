@@ -1,8 +1,8 @@
 """A block at rest in a bath without load: what a run starts from.
 
-At rest the virtual bath in every cell is the real one, so the potentials are known and the momentum balance remains. It is
-solved from the stress-free solid, if need be through blocks that swell less: both osmotic coefficients times a
-share that grows to 1.
+At rest the virtual bath in every cell is the real one, so the potentials are known and the momentum balance remains.
+It is solved from the stress-free solid, if need be through blocks that swell less: both osmotic coefficients times
+a share that grows to 1.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from fvswell.block_edges import drive_names
 from fvswell.block_newton import NewtonResult, newton, solve_sparse
 from fvswell.block_system import BlockSystem, edge_loads, loads_found
 from fvswell.block_transport import BlockInterval, BlockTransportTerm
-from fvswell.electrochemistry import ion_concentrations
 from fvswell.models import Mixture
 from fvswell.permeability import hydraulic_permeability, open_circuit_permeability
 from fvswell.time_stepping import State
@@ -53,7 +52,7 @@ def equilibrated_state(system: BlockSystem, bath_concentration: float) -> State:
     return State(
         unknowns=result.unknowns[None, None],
         loads={name: loads[name] for name in drive_names(block.edges)},
-        contents=result.state.contents,
+        contents=result.state.balance.contents,
         fluxes=np.zeros((len(block.balances), 1, faces)),
         phase=np.zeros(1, dtype=int),
         time=np.zeros(1),
@@ -66,10 +65,9 @@ def initial_open_circuit_ratio(block: Block, unknowns: Array, bath_concentration
     term = block.term
     positions = block.positions(unknowns)
     faces = term.face_state(block.potentials(unknowns), positions, bath_concentration)
-    tissue, J = term.faces.tissue, faces.volume_ratio
-    ions = ion_concentrations(tissue, J, np.log(np.full_like(J, bath_concentration)))
+    tissue, J = term.faces.tissue, faces.local.J
     ratio = np.ones((1, block.grid.face_cells.shape[1]))
-    ratio[:, term.diamonds.faces] = open_circuit_permeability(tissue, J, *ions) / hydraulic_permeability(tissue, J)
+    ratio[:, term.diamonds.faces] = open_circuit_permeability(tissue, *faces.local) / hydraulic_permeability(tissue, J)
     return ratio
 
 
@@ -116,7 +114,7 @@ def _balance_forces(block: Block, unknowns: Array, bath_concentration: float) ->
     start = unknowns.copy()
     start[number:] = np.broadcast_to(bath, (len(bath), 1, block.grid.cells)).ravel()
     unloaded = edge_loads({})
-    interval = BlockInterval(np.zeros((len(bath) + 1, 1, block.grid.cells)), 0.0, bath_concentration)
+    interval = BlockInterval(np.zeros((len(bath), 1, block.grid.cells)), 0.0, bath_concentration)
 
     def evaluate(at: Array) -> tuple[BlockState, Array]:
         state = block.evaluate(at, interval, unloaded)

@@ -21,8 +21,10 @@ class BlockSystem:
     """Balances of one block (batches of blocks have one row).
 
     Unknowns are ``(1, 1, unknowns)``, in the order of `fvswell.block_assembly`. Driven quantities are named by
-    `block_edges.drive_names`; a tied edge is driven by one of pressure, force and displacement at a time, and what is not
-    driven carries no load. The points of the residual are cells, for momentum vertices.
+    `block_edges.drive_names`; a tied edge is driven by one of pressure, force and displacement at a time, and what is
+    not driven carries no load. The first content is J and what the stabilisation stores besides (nothing in total);
+    fluxes are totals of all faces of the grid, from the first cell to the second or outward. The points of the
+    residual are cells, for momentum vertices.
     """
 
     block: Block
@@ -78,9 +80,9 @@ class BlockSystem:
         return Solution(
             unknowns=result.unknowns[None, None],
             loads={name: found[name] for name in loads},
-            contents=result.state.contents,
+            contents=result.state.balance.contents,
             fluxes=fluxes,
-            inflow=np.append(-balance.fluxes[..., self.block.term.diamonds.boundary].sum(axis=-1), [[0.0]], axis=0),
+            inflow=-balance.fluxes[..., self.block.term.diamonds.boundary].sum(axis=-1),
             residual=self._residual_at_points(result.residual),
             converged=np.array([result.converged]),
             iterations=np.array([result.iterations]),

@@ -5,8 +5,8 @@ The balance of each quantity over an interval reads, for a cell of reference vol
     V (content - base) + dt (sum over faces of the flux outward) = 0
 
 with ``base`` the content the interval starts from, per reference volume, and fluxes in total per face. A flux depends
-on the state at the face (volume ratio of its diamond, mean ln c~) and on the normal gradients of the potentials, linear in
-their differences across and along the face. Potentials are stacked as ``(balances, 1, cells)``.
+on the state at the face (volume ratio of its diamond, mean ln c~) and on the normal gradients of the potentials,
+linear in their differences across and along the face. Potentials are stacked as ``(balances, 1, cells)``.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from fvswell.block_diamonds import Diamonds
 from fvswell.block_geometry import diamond_metric, polygon_volume
 from fvswell.block_grid import BlockGrid
 from fvswell.differentiation import local_derivative
-from fvswell.models import Mixture
+from fvswell.models import Mixture, PointState
 from fvswell.tissue import Array
 
 from fipy.terms.unaryTerm import _UnaryTerm  # isort: skip  (after block_grid, which chooses FiPy's solvers)
@@ -40,17 +40,21 @@ class BlockInterval(NamedTuple):
 class FaceState(NamedTuple):
     """What the fluxes through the crossed faces depend on; gradients are multiplied by the areas of the faces."""
 
-    volume_ratio: Array  # (1, faces)
-    log_concentration: Array  # (1, faces)
-    gradients: Array  # (balances, 1, faces)
+    local: PointState  # J of the diamonds and concentrations at mean ln c~, (1, crossed)
+    gradients: Array  # (balances, 1, crossed): by_across * across + by_along * along
+    across: Array  # (balances, crossed): differences of the potentials across the faces
+    along: Array  # and along them
+    by_across: Array  # (crossed,), see block_geometry.diamond_metric
+    by_along: Array
 
 
 class BlockBalance(NamedTuple):
-    """Residual (balances, 1, cells) of the balances, contents, fluxes (balances, 1, crossed faces) and their states."""
+    """Residual of the balances and what it is made of."""
 
-    residual: Array
-    contents: Array
-    fluxes: Array
+    residual: Array  # (balances, 1, cells)
+    contents: Array  # (balances, 1, cells), per reference volume
+    fluxes: Array  # (balances, 1, crossed), in total per face
+    cells: PointState  # (1, cells)
     faces: FaceState
 
 
@@ -59,10 +63,9 @@ class TransportDerivatives(NamedTuple):
 
     across: Array  # (balances, potentials, crossed): fluxes by differences of potentials across the faces
     along: Array  # (balances, potentials, crossed): and along them
-    log_concentration: Array  # (balances, crossed): fluxes by mean ln c~
+    log_concentration: Array  # (balances, 0 or 1, crossed): fluxes by mean ln c~ where ions are transported
     points: Array  # (balances, 12, crossed): fluxes by the points of the diamonds, all x before all y
-    content_volume_ratio: Array  # (balances, cells)
-    content_log_concentration: Array  # (balances, cells)
+    contents: Array  # (balances, 1 or 2, cells): contents by J and, where ions are transported, ln c~
 
 
 def at_points(mixture: Mixture, index: Array) -> Mixture:
@@ -73,7 +76,7 @@ def at_points(mixture: Mixture, index: Array) -> Mixture:
     return replace(mixture, tissue=mixture.tissue.points(index), open_circuit_ratio=ratio)
 
 
-class BlockTransportTerm(_UnaryTerm):  # type: ignore[misc]
+class BlockTransportTerm(_UnaryTerm):
     """The coupled balances of a block.
 
     The solver calls `balance` and `derivatives`. With a variable, positions of the vertices and an interval set
@@ -100,12 +103,14 @@ class BlockTransportTerm(_UnaryTerm):  # type: ignore[misc]
         return BlockTransportTerm(self.grid, self.diamonds, self.cells, self.faces, var, positions, interval)
 
     def log_concentration(self, potentials: Array, bath_concentration: float) -> Array:
-        """ln c~ of the cells, ``(1, cells)``: an unknown where ions are transported, else that of the bath."""
+        """Logarithm of c~ in the cells, ``(1, cells)``: an unknown where ions are transported, else that of the bath."""
         if self.cells.model.transports_ions:
             return potentials[1]
         return np.full(potentials.shape[1:], np.log(bath_concentration))
 
-    def balance(self, potentials: Array, positions: Array, volume_ratio: Array, interval: BlockInterval) -> BlockBalance:
+    def balance(
+        self, potentials: Array, positions: Array, volume_ratio: Array, interval: BlockInterval
+    ) -> BlockBalance:
         """Residual, contents and fluxes.
 
         Parameters
@@ -119,49 +124,44 @@ class BlockTransportTerm(_UnaryTerm):  # type: ignore[misc]
         interval
             See `BlockInterval`.
         """
-        contents = self.cells.contents(self.cells.at(volume_ratio, self.log_concentration(potentials, interval.bath_concentration)))
-        faces = self.face_state(potentials, positions, interval.bath_concentration)
-        fluxes = self.faces.fluxes(self.faces.at(faces.volume_ratio, faces.log_concentration), faces.gradients)
+        bath = interval.bath_concentration
+        cells = self.cells.at(volume_ratio, self.log_concentration(potentials, bath))
+        contents = self.cells.contents(cells)
+        faces = self.face_state(potentials, positions, bath)
+        fluxes = self.faces.fluxes(faces.local, faces.gradients)
         outflow = (self.diamonds.outflow @ fluxes[:, 0].T).T[:, None]
         residual = self.grid.volumes * (contents - interval.base) + interval.duration * outflow
-        return BlockBalance(residual, contents, fluxes, faces)
+        return BlockBalance(residual, contents, fluxes, cells, faces)
 
     def face_state(self, potentials: Array, positions: Array, bath_concentration: float) -> FaceState:
         """State at the crossed faces."""
-        volume, by_across, by_along = self._metric(positions)
-        across, along = self._differences(potentials, bath_concentration)
-        return FaceState(
-            (volume / self.diamonds.reference_volumes)[None],
-            self._face_log_concentration(potentials, bath_concentration),
-            by_across * across + by_along * along,
+        maps, bath = self.diamonds, self.bath_potentials(bath_concentration)
+        volume, by_across, by_along = diamond_metric(self.grid.section, maps.local_points(positions))
+        across = (maps.across @ potentials[:, 0].T + maps.across_outside @ bath.T).T
+        along = (maps.along @ potentials[:, 0].T + maps.along_outside @ bath.T).T
+        local = self.faces.at(
+            (volume / maps.reference_volumes)[None],
+            self._face_log_concentration(potentials, bath, bath_concentration),
         )
+        gradients = (by_across * across + by_along * along)[:, None]
+        return FaceState(local, gradients, across, along, by_across, by_along)
 
-    def derivatives(
-        self, potentials: Array, positions: Array, volume_ratio: Array, interval: BlockInterval, faces: FaceState
-    ) -> TransportDerivatives:
-        """Derivatives of the fluxes and contents; arguments as for `balance`, and the state it found at the faces."""
-        _, by_across, by_along = self._metric(positions)
-        differences = self._differences(potentials, interval.bath_concentration)
-        by_state = local_derivative(
-            lambda state: self.faces.fluxes(self.faces.at(*state), faces.gradients[:, None]),
-            np.stack([faces.volume_ratio, faces.log_concentration]),
-        )[:, :, 0]
-        unit = np.eye(len(potentials))[:, :, None, None]
-        by_gradient = self.faces.fluxes(self.faces.at(faces.volume_ratio, faces.log_concentration), unit)[:, :, 0]
-        metric = self._metric_derivative(positions)
-        by_points = by_state[:, 0, None] * (metric[0] / self.diamonds.reference_volumes)
-        for of_metric, difference in zip(metric[1:], differences, strict=True):
-            by_points += np.einsum("egf,gf->ef", by_gradient, difference[:, 0])[:, None] * of_metric
-        log_concentration = self.log_concentration(potentials, interval.bath_concentration)
-        by_content = local_derivative(
-            lambda state: self.cells.contents(self.cells.at(*state)), np.stack([volume_ratio, log_concentration])
-        )[:, :, 0]
+    def derivatives(self, positions: Array, balance: BlockBalance) -> TransportDerivatives:
+        """Derivatives of the fluxes and contents, with the vertices at positions and the balance found there."""
+        faces = balance.faces
+        by_state, by_gradient = self.faces.flux_derivatives(faces.local, faces.gradients)
+        by_state, by_gradient = by_state[:, :, 0], by_gradient[:, :, 0]
+        volume, by_across, by_along = self._metric_derivative(positions)
+        by_points = by_state[:, :1] * (volume / self.diamonds.reference_volumes)
+        by_points += np.einsum("egf,gf->ef", by_gradient, faces.across)[:, None] * by_across
+        by_points += np.einsum("egf,gf->ef", by_gradient, faces.along)[:, None] * by_along
         return TransportDerivatives(
-            by_gradient * by_across, by_gradient * by_along, by_state[:, 1], by_points, by_content[:, 0], by_content[:, 1]
+            by_gradient * faces.by_across,
+            by_gradient * faces.by_along,
+            by_state[:, 1:],
+            by_points,
+            self.cells.content_derivatives(balance.cells)[:, :, 0],
         )
-
-    def _metric(self, positions: Array) -> Array:
-        return diamond_metric(self.grid.section, self.diamonds.local_points(positions))
 
     def _metric_derivative(self, positions: Array) -> Array:
         """Of the metric by the points of the diamonds, ``(3, 12, crossed)``."""
@@ -169,28 +169,19 @@ class BlockTransportTerm(_UnaryTerm):  # type: ignore[misc]
         section = self.grid.section
         return local_derivative(lambda p: diamond_metric(section, p.reshape(2, 6, 12, -1)), points.reshape(12, -1))
 
-    def _differences(self, potentials: Array, bath_concentration: float) -> tuple[Array, Array]:
-        """Differences of the potentials across and along the crossed faces, each ``(balances, 1, crossed)``."""
-        bath = self.bath_potentials(bath_concentration)
-        maps = self.diamonds
-        across = (maps.across @ potentials[:, 0].T + maps.across_outside @ bath.T).T
-        along = (maps.along @ potentials[:, 0].T + maps.along_outside @ bath.T).T
-        return across[:, None], along[:, None]
-
     def bath_potentials(self, bath_concentration: float) -> Array:
         """Potentials of the bath at the vertices, ``(balances, vertices)``."""
         bath = self.cells.bath_potentials(np.array([[bath_concentration]]))[:, 0]
         return np.broadcast_to(bath, (len(bath), self.grid.vertices.shape[1]))
 
-    def _face_log_concentration(self, potentials: Array, bath_concentration: float) -> Array:
+    def _face_log_concentration(self, potentials: Array, bath: Array, bath_concentration: float) -> Array:
         if not self.cells.model.transports_ions:
             return np.full((1, len(self.diamonds.faces)), np.log(bath_concentration))
-        bath = self.bath_potentials(bath_concentration)[1]
-        return (self.diamonds.mean @ potentials[1, 0] + self.diamonds.across_outside @ bath)[None]
+        return (self.diamonds.mean @ potentials[1, 0] + self.diamonds.across_outside @ bath[1])[None]
 
-    def _buildMatrix(  # noqa: N802  (FiPy's name)
-        self, var: Any, SparseMatrix: Any, boundaryConditions: Any = (), dt: Any = None,  # noqa: N803
-        transientGeomCoeff: Any = None, diffusionGeomCoeff: Any = None,  # noqa: N803
+    def _buildMatrix(  # FiPy's name
+        self, var: Any, SparseMatrix: Any, boundaryConditions: Any = (), dt: Any = None,
+        transientGeomCoeff: Any = None, diffusionGeomCoeff: Any = None,
     ) -> tuple[Any, Any, Array]:
         """FiPy's hook: the matrix of a Newton step, and the right side that makes its solution the new state."""
         if self.interval is None or self.positions is None:
@@ -199,32 +190,31 @@ class BlockTransportTerm(_UnaryTerm):  # type: ignore[misc]
         corners = self.positions[:, self.grid.cell_vertices]
         J = (polygon_volume(self.grid.section, *corners) / self.grid.volumes)[None]
         balance = self.balance(potentials, self.positions, J, self.interval)
-        entries = self._cell_jacobian(self.derivatives(potentials, self.positions, J, self.interval, balance.faces))
+        entries = self._cell_jacobian(self.derivatives(self.positions, balance), self.interval.duration)
         matrix = SparseMatrix(mesh=var.mesh)
         matrix.addAt(entries.data, entries.row, entries.col)
         return var, matrix, matrix * potentials.ravel() - balance.residual.ravel()
 
-    def _cell_jacobian(self, by: TransportDerivatives) -> sparse.coo_array:
+    def _cell_jacobian(self, by: TransportDerivatives, duration: float) -> sparse.coo_array:
         """Derivative of the balances by the potentials on the grid as it stands."""
-        assert self.interval is not None
         maps, V = self.diamonds, len(by.across)
-        blocks = [[self._flux_jacobian(by, e, g) for g in range(V)] for e in range(V)]
+        fluxes = [[self._flux_jacobian(by, e, g) for g in range(V)] for e in range(V)]
+        storage = np.zeros((V, V, self.grid.cells))
         if V > 1:
+            storage[:, 1] = self.grid.volumes * by.contents[:, 1]
             for e in range(V):
-                blocks[e][1] += sparse.diags_array(by.log_concentration[e]) @ maps.mean
-        jacobian = self.interval.duration * sparse.block_array([[maps.outflow @ b for b in row] for row in blocks])
-        if V > 1:
-            values = (self.grid.volumes * by.content_log_concentration).ravel()
-            index = np.arange(values.size)
-            storage = sparse.coo_array((values, (index, self.grid.cells + index % self.grid.cells)), jacobian.shape)
-            jacobian = jacobian + storage
-        return jacobian.tocoo()
+                fluxes[e][1] += sparse.diags_array(by.log_concentration[e, 0]) @ maps.mean
+        blocks = [
+            [duration * (maps.outflow @ fluxes[e][g]) + sparse.diags_array(storage[e, g]) for g in range(V)]
+            for e in range(V)
+        ]
+        return sparse.block_array(blocks).tocoo()
 
     def _flux_jacobian(self, by: TransportDerivatives, balance: int, potential: int) -> sparse.csr_array:
         across, along = (sparse.diags_array(part[balance, potential]) for part in (by.across, by.along))
         return (across @ self.diamonds.across + along @ self.diamonds.along).tocsr()
 
-    def _getDefaultSolver(self, var: Any, solver: Any, *args: Any, **kwargs: Any) -> Any:  # noqa: N802
+    def _getDefaultSolver(self, var: Any, solver: Any, *args: Any, **kwargs: Any) -> Any:
         from fipy import LinearLUSolver
 
         return solver or LinearLUSolver(tolerance=1e-14)  # the default skips small steps silently

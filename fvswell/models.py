@@ -120,7 +120,7 @@ class Mixture:
         J = state.J
         if not self.model.transports_ions:
             return J[None]
-        contents = np.zeros((3, *J.shape), dtype=J.dtype)
+        contents = np.zeros((3, *J.shape), dtype=np.result_type(J, state.anion))
         contents[0], contents[1] = J, (J - 1.0 + self.tissue.fluid_fraction) * state.anion
         return contents
 

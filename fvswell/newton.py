@@ -101,6 +101,9 @@ class _Iterate:
         prescribed = stage.prescribed
         self.held = np.isnan(prescribed["pressure"])  # the piston's position is prescribed, its pressure an unknown
         self.pressure = np.where(self.held, loads["pressure"], prescribed["pressure"])
+        loads_now = Loads(self.pressure[:, None], prescribed["bath"][:, None])
+        self.interval = Interval.under(term.laws, stage.base, stage.duration[:, None], loads_now)
+        self.scale = term.laws.content_scale(loads_now)
         self._evaluate()
 
     def rows(self, index: Array) -> _Iterate:
@@ -110,19 +113,15 @@ class _Iterate:
             Stage(base[:, index], duration[index], {name: value[index] for name, value in prescribed.items()}),
         )  # fmt: skip
 
-    @property
-    def _interval(self) -> Interval:
-        base, duration, prescribed = self.stage
-        return Interval(base, duration[:, None], Loads(self.pressure[:, None], prescribed["bath"][:, None]))
-
     def _evaluate(self) -> None:
-        interval = self._interval
+        if self.held.any():
+            loads = self.interval.loads._replace(applied_pressure=self.pressure[:, None])
+            self.interval = self.interval._replace(loads=loads)
         with np.errstate(all="ignore"):  # a trial state may overflow: its norm is then not finite
-            self.current = self.term.balance(self.unknowns, interval)
-            scale = self.term.laws.content_scale(interval.loads)
-            self.residual = self.current.residual / (scale * self.term.grid.widths)
+            self.current = self.term.balance(self.unknowns, self.interval)
+            self.residual = self.current.residual / (self.scale * self.term.grid.widths)
             self.norm = np.abs(self.residual).max(axis=(0, 2))
-            self.change = np.abs((self.current.contents - interval.base) / scale).max(axis=(0, 2))
+            self.change = np.abs((self.current.contents - self.stage.base) / self.scale).max(axis=(0, 2))
 
     def store(self, solution: Solution, rows: Array, iteration: int) -> None:
         """Put the iterate in its place among all rows."""
@@ -151,7 +150,7 @@ class _Iterate:
         return size
 
     def _newton_step(self) -> tuple[Array, Array]:
-        step, response = self.term.newton_step(self.unknowns, self._interval, self.current, bool(self.held.any()))
+        step, response = self.term.newton_step(self.unknowns, self.interval, self.current, bool(self.held.any()))
         pressure_step = np.zeros(len(self.held))
         if response is None:
             return step, pressure_step

@@ -268,7 +268,9 @@ def chosen_times(results: Mapping[str, xr.Dataset], text: str | None) -> list[fl
             wanted.append(seconds)
         if problems:
             raise OutputError("\n".join(problems))
-    return sorted({float(outputs[np.abs(outputs - at).argmin()]) for at in wanted})
+    later = outputs[outputs > 0.0]  # the state before anything happened stands for itself only
+    nearest = [later[np.abs(later - at).argmin()] if at > 0.0 and later.size else outputs[0] for at in wanted]
+    return sorted({float(at) for at in nearest})
 
 
 def save_figure(figure: Figure, path: Path) -> None:

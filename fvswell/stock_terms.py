@@ -81,7 +81,7 @@ class StockTermsTransport(CoupledTransportTerm):
         storage = self.laws.cells.content_derivatives(now.cells)[:, :, 0]
         potentials = unknowns[:, 0].copy()
         potentials[0] = self.laws.water_potential(now.cells, loads)[0]
-        bath = self.laws.filter_potentials(loads)
+        bath = interval.filter_potentials
 
         volume = CellVariable(mesh=mesh, name="V", value=unknowns[0, 0] * widths, hasOld=True)
         driving = []

@@ -12,6 +12,7 @@ import fvswell
 from fvswell.case import Case
 from fvswell.predictor import coefficient_of_determination
 from fvswell.relaxation import phase_durations
+from fvswell.results import COMPLETE
 from fvswell.study import Study
 from fvswell.study_fields import STRAIN_CURVES
 from fvswell.study_runs import samples_per_phase
@@ -138,4 +139,4 @@ def _statuses(models: tuple[str, str], histories: list[ModelHistory]) -> list[st
         "; ".join(f"{model}: {problem}" for model, problem in zip(models, problems, strict=True) if problem)
         for problems in rows
     ]
-    return [text or "complete" for text in told]
+    return [text or COMPLETE for text in told]

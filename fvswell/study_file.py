@@ -12,6 +12,7 @@ import xarray as xr
 
 from fvswell.errors import OutputError
 from fvswell.provenance import provenance
+from fvswell.results import COMPLETE
 from fvswell.study import Study
 from fvswell.study_batches import Batch, BatchResult
 from fvswell.study_fields import COORDINATES, STRAIN_CURVES, STUDY_FIELDS
@@ -78,7 +79,7 @@ def write_study(
             f"{part}: cannot be written: {getattr(error, 'strerror', None) or error}; the finished batches are kept, and "
             "the same command puts them together"
         ) from None
-    return int(np.sum(status == "complete")), len(status)
+    return int(np.sum(status == COMPLETE)), len(status)
 
 
 def read_study(path: str | Path) -> xr.Dataset:

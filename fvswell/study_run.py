@@ -79,7 +79,7 @@ def run_study(
     SchedulerError
         If the batches cannot be computed where they should be. The finished ones are kept.
     """
-    refuse_existing(path, replace)
+    refuse_existing([path], replace)
     start = time.monotonic()
     parts = StudyParts(path, hashlib.sha256(f"{study.sha256} {fvswell.__version__}".encode()).hexdigest())
     batches = plan(study)

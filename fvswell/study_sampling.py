@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -88,8 +89,9 @@ class _HeightRecorder:
         order = np.argsort(place, kind="stable")  # the steps of a row in a phase, in the order they were taken
         visited, first = np.unique(place[order], return_index=True)
         last = initial.copy()
-        for index, own in zip(visited, np.split(record[2:, order], first[1:], axis=1), strict=True):
+        for index, (begin, end) in zip(visited, pairwise([*first, len(order)]), strict=True):
             row, phase = divmod(index, phases)
+            own = record[2:, order[begin:end]]
             time, node_height = np.append(0.0, own[0]), np.append(last[row], own[1])
             chord = (node_height[1] - node_height[0]) / time[1]  # the rate is not known where loads jump
             spline = CubicHermiteSpline(time, node_height, np.append(chord, own[2]), extrapolate=False)

@@ -232,7 +232,7 @@ class Marcher:
         return attempt
 
     def _error(self, rows: Array, size: Array, attempt: _Attempt) -> Array:
-        """Estimated error of the strain in this step (rms over the body) over the tolerance, ``(rows,)``.
+        """Estimated error of the local strain in this step (mean magnitude over the body) over the tolerance, ``(rows,)``.
 
         m''' comes from the rates at the step's start, first stage and end. After a jump the rate at the start is not
         known; then the change of the rate within the step, which is first order, stands in. Infinite for rows that
@@ -245,8 +245,8 @@ class Marcher:
         curvature = 2.0 * (slope - (first - self._last_rate[rows]) / _GAMMA)
         error = np.where(np.isnan(curvature), 0.1 * slope, _SDIRK2_ERROR * curvature) * size[:, None]
         volumes = self.system.volumes
-        rms = np.sqrt(error**2 @ volumes / volumes.sum())
-        return np.where(attempt.converged, rms / self.control.tolerance[rows], np.inf)
+        mean = np.abs(error) @ volumes / volumes.sum()
+        return np.where(attempt.converged, mean / self.control.tolerance[rows], np.inf)
 
     def _accept(self, rows: Array, size: Array, target: Array, attempt: _Attempt, accepted: Array) -> None:
         state, solution = self.state, attempt.solutions[-1]

@@ -31,6 +31,12 @@ class Interval(NamedTuple):
     base: Array  # (balances, rows, cells)
     duration: Array  # (rows, 1)
     loads: Loads
+    filter_potentials: Array  # (balances, rows, 1): those of the bath
+
+    @classmethod
+    def under(cls, laws: Column, base: Array, duration: Array, loads: Loads) -> Interval:
+        """An interval under the given loads."""
+        return cls(base, duration, loads, laws.filter_potentials(loads))
 
 
 class Balance(NamedTuple):
@@ -67,9 +73,9 @@ class CoupledTransportTerm(_UnaryTerm):
         """Residual, contents and fluxes at a state."""
         laws, loads = self.laws, interval.loads
         cells = laws.at_cells(unknowns[: laws.state_size], loads)
-        faces = laws.at_faces(self._face_state(unknowns, loads), loads)
+        faces = laws.at_faces(self._face_state(unknowns, interval), loads)
         potentials = np.empty((*unknowns.shape[:2], unknowns.shape[2] + 1))
-        potentials[..., :1] = laws.filter_potentials(loads)
+        potentials[..., :1] = interval.filter_potentials
         potentials[0, :, 1:] = laws.water_potential(cells, loads)
         potentials[1:, :, 1:] = unknowns[1:]
         gradients = (potentials[..., 1:] - potentials[..., :-1]) / self.grid.distances
@@ -110,13 +116,13 @@ class CoupledTransportTerm(_UnaryTerm):
             with_pressure,
         )  # fmt: skip
 
-    def _face_state(self, unknowns: Array, loads: Loads) -> Array:
+    def _face_state(self, unknowns: Array, interval: Interval) -> Array:
         """State at the faces: the stretch of the face, and the mean of the cells' ln c~ (the bath's at the filter)."""
         state = np.empty((self.laws.state_size, *unknowns.shape[1:]))
         state[0] = self.grid.face_stretch(unknowns[0])
         if len(state) > 1:
             state[1, :, 1:] = 0.5 * (unknowns[1, :, 1:] + unknowns[1, :, :-1])
-            state[1, :, :1] = np.log(loads.bath_concentration)
+            state[1, :, :1] = interval.filter_potentials[1]
         return state
 
     def _face_weights(self, variable: int) -> tuple[Array, Array]:

@@ -1,0 +1,340 @@
+"""Result files: what is in them, that they stand for themselves, and that no half-written one is ever met."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import pint
+import pytest
+import xarray as xr
+from small_cases import impossible_compression, small_compression
+
+import fvswell
+from fvswell.case import MODELS
+from fvswell.errors import OutputError, SolverError
+from fvswell.fields import FIELDS, Field
+from fvswell.results import COMPLETE, read_case, read_result
+from fvswell.simulation import Progress, run
+
+COORDINATES = {"x", "x_bounds", "x_node", "time"}
+LOCATION_DIMENSIONS = {
+    "global": ("time",),
+    "cell": ("time", "cell"),
+    "node": ("time", "node"),
+    "phase": ("phase",),
+    "step": ("step",),
+}
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """A result file of each model."""
+    directory = tmp_path_factory.mktemp("results")
+    paths = {model: directory / f"{model}.nc" for model in MODELS}
+    for model, path in paths.items():
+        run(small_compression(), model=model, path=path)
+    return paths
+
+
+def parsed_units(units: str) -> pint.Unit:
+    """UDUNITS text, where ``mm-2`` is a power, as pint reads it."""
+    spelled = re.sub(r"([A-Za-z])(-?\d+)", r"\1**\2", units).replace(" ", "*")
+    return pint.get_application_registry().parse_units("" if units == "1" else spelled)
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_field_tells_all_a_reader_needs(name: str) -> None:
+    field = FIELDS[name]
+    assert field.location in {"global", "cell", "node", "face", "edge", "phase", "step"}
+    assert re.fullmatch(r"(time|phase|step): (point|mean|maximum|sum)", field.cell_methods)
+    assert field.long_name.strip()
+    parsed_units(field.units)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "same_dimension_as"),
+    [
+        ("_pressure|_stress$|_potential", "MPa"),
+        ("_concentration|charge_density", "mol/liter"),
+        ("ion_flux", "mol/m**2/s"),
+        ("water_flux", "m/s"),
+        ("^displacement|^height", "m"),
+        ("strain|_error|_ratio|_fraction|_iterations|_residual", ""),
+        ("_time|_size|_end", "s"),
+        ("current_density", "A/m**2"),
+    ],
+)
+def test_units_have_the_dimension_of_the_quantity(pattern: str, same_dimension_as: str) -> None:
+    expected = pint.get_application_registry().parse_units(same_dimension_as).dimensionality
+    names = [name for name in FIELDS if re.search(pattern, name) and name != "electric_potential"]
+    assert names
+    for name in names:
+        assert parsed_units(FIELDS[name].units).dimensionality == expected, name
+
+
+def test_electric_potential_is_a_voltage() -> None:
+    assert parsed_units(FIELDS["electric_potential"].units).is_compatible_with("V")
+
+
+@pytest.mark.parametrize("name", FIELDS)
+@pytest.mark.parametrize("model", MODELS)
+def test_variable_in_file_is_as_the_table_says(files: dict[str, Path], model: str, name: str) -> None:
+    field: Field = FIELDS[name]
+    with netCDF4.Dataset(files[model]) as file:
+        if name in file.variables:
+            variable = file[name]
+            assert {key: variable.getncattr(key) for key in variable.ncattrs()} == field.attributes
+            assert variable.dimensions == LOCATION_DIMENSIONS[field.location]
+            assert np.isfinite(variable[...]).all()
+            assert not np.ma.is_masked(variable[...])
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_file_holds_nothing_that_the_table_does_not_know(files: dict[str, Path], model: str) -> None:
+    assert set(read_result(files[model]).variables) - FIELDS.keys() == COORDINATES
+
+
+def test_models_have_the_fields_of_their_physics(files: dict[str, Path]) -> None:
+    names = {model: set(read_result(path).data_vars) for model, path in files.items()}
+    donnan = {"osmotic_pressure", "cation_concentration", "electric_potential", "virtual_concentration"}
+    fluxes = {f"{ion}_flux_{part}" for ion in ("cation", "anion") for part in ("convection", "diffusion", "migration")}
+    assert not (donnan | fluxes) & names["biphasic"]
+    assert donnan <= names["biphasic-swelling"]
+    assert not fluxes & names["biphasic-swelling"]
+    assert donnan | fluxes <= names["electrochemical"]
+    assert names["biphasic"] < names["biphasic-swelling"] < names["electrochemical"]
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_only_fields_move_in_time(files: dict[str, Path], model: str) -> None:
+    with netCDF4.Dataset(files[model]) as file:
+        assert file.dimensions["time"].isunlimited()
+        for name in COORDINATES - {"time"}:
+            assert "time" not in file[name].dimensions
+        assert file["time"].units == "s"
+        assert file["x"].bounds == "x_bounds"
+        x, bounds, nodes = (np.asarray(file[name][...]) for name in ("x", "x_bounds", "x_node"))
+    np.testing.assert_array_equal(bounds, list(pairwise(nodes)))
+    assert ((bounds[:, 0] < x) & (x < bounds[:, 1])).all()
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_file_says_where_it_comes_from(files: dict[str, Path], model: str) -> None:
+    result = read_result(files[model])
+    case = small_compression(model=model)
+    assert result.attrs["Conventions"].startswith("CF-1.")
+    assert result.attrs["case_sha256"] == case.sha256
+    assert result.attrs["run_status"] == COMPLETE
+    assert result.attrs["title"] == case.title
+    for key, part in (("source", model), ("history", fvswell.__version__), ("package_versions", "fipy")):
+        assert part in result.attrs[key]
+    assert {"institution", "references", "comment"} <= result.attrs.keys()
+
+
+def test_displacement_of_the_piston_is_the_change_of_height(files: dict[str, Path]) -> None:
+    for path in files.values():
+        result = read_result(path)
+        height = result["x_node"].values[-1] + result["displacement"].values[:, -1]
+        np.testing.assert_allclose(height, result["height"], rtol=1e-13)
+
+
+def test_flux_parts_add_up_in_every_node(files: dict[str, Path]) -> None:
+    result = read_result(files["electrochemical"])
+    for ion in ("cation", "anion"):
+        parts = [result[f"{ion}_flux_{part}"].values for part in ("convection", "diffusion", "migration")]
+        # fluxes of the first record are those of the state at rest before the load
+        scale = np.abs(parts).max()
+        np.testing.assert_allclose(sum(parts)[1:], result[f"{ion}_flux"].values[1:], rtol=0.0, atol=1e-9 * scale)
+
+
+def test_flux_parts_are_smooth_up_to_the_filter() -> None:
+    fine = small_compression(geometry__cells=40)
+    parts = run(fine)["cation_flux_diffusion"].isel(time=2).values
+    # what a parabola through the next three nodes expects at the filter
+    node = run(fine)["x_node"].values
+    expected = np.polyval(np.polyfit(node[1:4], parts[1:4], 2), node[0])
+    assert parts[0] == pytest.approx(expected, rel=0.02)
+
+
+def test_phases_end_where_the_case_says_and_rest_as_equilibrium_does(files: dict[str, Path]) -> None:
+    for path in files.values():
+        result = read_result(path)
+        np.testing.assert_allclose(result["phase_end"], [300.0, 600.0])
+        loaded, unloaded = result["equilibrium_strain"].values
+        assert loaded < -0.2
+        assert unloaded == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_memory_and_file_hold_the_same(files: dict[str, Path], model: str) -> None:
+    xr.testing.assert_equal(run(small_compression(), model=model), read_result(files[model]))
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_result_runs_again_from_itself(files: dict[str, Path], model: str) -> None:
+    case = read_case(files[model])
+    assert case == small_compression(model=model)
+    xr.testing.assert_equal(run(case), read_result(files[model]))
+
+
+def test_durations_found_before_give_the_same_run() -> None:
+    case = small_compression(phase__loading__duration="1.5 relaxation times")
+    found = run(case)
+    ends = found["phase_end"].values
+    xr.testing.assert_equal(found, run(case, durations=np.diff(ends, prepend=0.0)))
+
+
+def test_file_has_its_name_only_when_it_is_whole(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "result.nc"
+    seen: list[set[str]] = []
+
+    def look(progress: Progress) -> None:
+        seen.append({file.name for file in path.parent.iterdir()})
+
+    run(small_compression(), path=path, report=look)
+    assert len(seen) == 17  # the start and every step
+    assert all(names == {"result.nc.part"} for names in seen)
+    assert [file.name for file in path.parent.iterdir()] == ["result.nc"]
+
+
+def test_progress_goes_from_start_to_end() -> None:
+    told: list[Progress] = []
+    result = run(small_compression(), report=told.append)
+    assert told[0].time == 0.0
+    assert told[0].strain == 0.0
+    assert told[-1].time == pytest.approx(600.0)
+    assert told[-1].phase_ends == tuple(result["phase_end"].values)
+    np.testing.assert_allclose([each.time for each in told], result["time"], rtol=1e-14)
+    np.testing.assert_allclose([each.strain for each in told], result["global_strain"], atol=1e-14)
+
+
+def test_existing_file_is_left_alone_and_nothing_is_computed(tmp_path: Path) -> None:
+    path = tmp_path / "result.nc"
+    path.write_text("precious")
+    told: list[Progress] = []
+    with pytest.raises(OutputError, match=r"result\.nc: is there already; use --force"):
+        run(small_compression(), path=path, report=told.append)
+    assert path.read_text() == "precious"
+    assert not told
+    assert list(tmp_path.iterdir()) == [path]
+    run(small_compression(), path=path, replace=True)
+    assert read_result(path).attrs["run_status"] == COMPLETE
+
+
+def test_interrupted_run_leaves_nothing(tmp_path: Path) -> None:
+    def interrupt(progress: Progress) -> None:
+        if progress.steps == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(small_compression(), path=tmp_path / "result.nc", report=interrupt)
+    assert not list(tmp_path.iterdir())
+
+
+def test_replacing_run_that_is_interrupted_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "result.nc"
+    run(small_compression(), path=path)
+    before = path.read_bytes()
+
+    def interrupt(progress: Progress) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(small_compression(), path=path, replace=True, report=interrupt)
+    assert path.read_bytes() == before
+
+
+def test_stopped_run_keeps_what_there_is_and_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "result.nc"
+    with pytest.raises(SolverError, match="stopped at t = .* in phase loading: the volume balance") as stop:
+        run(impossible_compression(), path=path)
+    kept = read_result(path)
+    xr.testing.assert_equal(kept, stop.value.result)
+    assert kept.attrs["run_status"].startswith("stopped at t = ")
+    assert 0.0 < kept["time"].values[-1] < 5.0
+    assert kept["step_time"].values[-1] == kept["time"].values[-1]
+    assert [file.name for file in tmp_path.iterdir()] == ["result.nc"]
+
+
+def test_phase_that_does_not_relax_is_told_before_any_file(tmp_path: Path) -> None:
+    case = small_compression(phase__loading__piston_pressure=0.0, phase__loading__duration="1 relaxation time")
+    with pytest.raises(SolverError, match="does not relax in phase loading; give its duration"):
+        run(case, path=tmp_path / "result.nc")
+    assert not list(tmp_path.iterdir())
+
+
+LONG_RUN = """
+import sys
+from pathlib import Path
+sys.path.insert(0, {tests!r})
+from small_cases import small_compression
+from fvswell.simulation import run
+run(small_compression(time__steps_per_phase=100000), path=Path({path!r}))
+"""
+
+
+def test_killed_run_leaves_no_result_and_does_not_hinder_the_next(tmp_path: Path) -> None:
+    path = tmp_path / "result.nc"
+    script = LONG_RUN.format(tests=str(Path(__file__).parent), path=str(path))
+    process = subprocess.Popen([sys.executable, "-c", script])
+    part = tmp_path / "result.nc.part"
+    deadline = time.monotonic() + 60.0
+    while not part.exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert [file.name for file in tmp_path.iterdir()] == ["result.nc.part"]
+    run(small_compression(), path=path)
+    assert [file.name for file in tmp_path.iterdir()] == ["result.nc"]
+
+
+FULL_DISK = """
+import resource, signal, sys
+from pathlib import Path
+sys.path.insert(0, {tests!r})
+from small_cases import small_compression
+from fvswell.errors import OutputError
+from fvswell.simulation import run
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
+try:
+    run(small_compression(time__steps_per_phase=200), path=Path({path!r}))
+except OutputError as error:
+    print("told:", error)
+"""
+
+
+def test_full_disk_is_told_and_leaves_nothing(tmp_path: Path) -> None:
+    script = FULL_DISK.format(tests=str(Path(__file__).parent), path=str(tmp_path / "result.nc"))
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "result.nc.part: cannot be written" in done.stdout
+    assert not list(tmp_path.iterdir())
+
+
+def test_unwritable_directory_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="cannot be written"):
+        run(small_compression(), path=tmp_path / "file" / "result.nc")
+
+
+def test_reading_what_is_no_result_is_told(tmp_path: Path) -> None:
+    text, other = tmp_path / "text.nc", tmp_path / "other.nc"
+    text.write_text("no netCDF")
+    xr.Dataset({"a": ("b", [1.0])}).to_netcdf(other)
+    for path, reason in (
+        (tmp_path / "none.nc", "no such file"),
+        (text, "is not a netCDF file"),
+        (other, "is not a result of fvswell"),
+        (tmp_path, "is not a netCDF file"),
+    ):
+        with pytest.raises(OutputError, match=reason):
+            read_result(path)
