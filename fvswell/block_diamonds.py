@@ -5,7 +5,8 @@ stands for the missing cell. Potentials at the ends are interpolated from the ce
 bilinear inside, linear along an impermeable edge (no gradient of a potential is normal to it, as nothing flows), and
 the bath's value on a permeable edge. Inside, they are understood as the potentials at the points that the same weights
 give from the cell centres. These are the ends in the reference state, and near them on the moved grid, so that the
-gradient is exact for linear fields on both.
+gradient is exact for linear fields on both; along an impermeable edge it is in the reference state only, and of second
+order on the moved grid.
 """
 
 from __future__ import annotations

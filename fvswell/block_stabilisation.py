@@ -8,8 +8,8 @@ elasticity). As Silvester & Kechkar (1990) do for Stokes flow on blocks of four 
 
 is made to cost something: cell i stores besides its water the volume +-(strength V/G) chi, V and G being the mean
 volume and shear modulus of the four cells. What one cell stores its neighbours lack, so the total volume is conserved.
-chi is zero for fields that are linear or depend on one direction of the grid only, and falls with the square of the cell
-size for smooth ones, so what a cell stores (a difference of chi twice over) falls with its fourth power.
+chi is zero for fields that are linear or depend on one direction of the grid only, and falls with the square of the
+cell size for smooth ones, so what a cell stores (a difference of chi twice over) falls with its fourth power.
 """
 
 from __future__ import annotations

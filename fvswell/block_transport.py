@@ -103,7 +103,7 @@ class BlockTransportTerm(_UnaryTerm):
         return BlockTransportTerm(self.grid, self.diamonds, self.cells, self.faces, var, positions, interval)
 
     def log_concentration(self, potentials: Array, bath_concentration: float) -> Array:
-        """Logarithm of c~ in the cells, ``(1, cells)``: an unknown where ions are transported, else that of the bath."""
+        """Logarithm of c~ in the cells, ``(1, cells)``: an unknown where ions are transported, else the bath's."""
         if self.cells.model.transports_ions:
             return potentials[1]
         return np.full(potentials.shape[1:], np.log(bath_concentration))
@@ -190,12 +190,12 @@ class BlockTransportTerm(_UnaryTerm):
         corners = self.positions[:, self.grid.cell_vertices]
         J = (polygon_volume(self.grid.section, *corners) / self.grid.volumes)[None]
         balance = self.balance(potentials, self.positions, J, self.interval)
-        entries = self._cell_jacobian(self.derivatives(self.positions, balance), self.interval.duration)
+        entries = self.potential_jacobian(self.derivatives(self.positions, balance), self.interval.duration)
         matrix = SparseMatrix(mesh=var.mesh)
         matrix.addAt(entries.data, entries.row, entries.col)
         return var, matrix, matrix * potentials.ravel() - balance.residual.ravel()
 
-    def _cell_jacobian(self, by: TransportDerivatives, duration: float) -> sparse.coo_array:
+    def potential_jacobian(self, by: TransportDerivatives, duration: float) -> sparse.coo_array:
         """Derivative of the balances by the potentials on the grid as it stands."""
         maps, V = self.diamonds, len(by.across)
         fluxes = [[self._flux_jacobian(by, e, g) for g in range(V)] for e in range(V)]

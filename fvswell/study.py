@@ -170,7 +170,8 @@ def _with_whole_cases(
                 case = None
             else:
                 whole = {"case": tomllib.loads(case.to_toml())}
-                rest = {key: item for key, item in protocol.items() if key != "changes" or not isinstance(item, Mapping)}
+                done = isinstance(changes, Mapping)
+                rest = {key: item for key, item in protocol.items() if key != "changes" or not done}
                 protocol = rest | whole
         cases.append(case)
         resolved.append(protocol)

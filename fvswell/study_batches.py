@@ -88,7 +88,7 @@ def run_batch(batch: Batch) -> BatchResult:
     status = np.array([_unrelaxed(base, row) for row in duration], dtype=object)
     if len(rows):
         histories = [model_history([cases[row] for row in rows], model, duration[rows]) for model in batch.models]
-        for name, values in _compared(*histories, duration[rows]).items():
+        for name, values in _compared(histories, duration[rows]).items():
             result[name][rows] = values
         for column, history in enumerate(histories):
             for name in ("equilibrium_strain", "initial_height", "balance_error"):
@@ -110,8 +110,9 @@ def _nothing(rows: int, phases: int, samples: int) -> BatchResult:
     return {name: np.full((rows, *shape), np.nan) for name, shape in shapes.items()}
 
 
-def _compared(judged: ModelHistory, reference: ModelHistory, duration: Array) -> BatchResult:
-    """How well one model stands in for the other in each phase, ``(rows, phases)``."""
+def _compared(histories: list[ModelHistory], duration: Array) -> BatchResult:
+    """How well the first model stands in for the second in each phase, ``(rows, phases)``."""
+    judged, reference = histories
     difference = judged.strain - reference.strain
     samples = difference.shape[-1]
     farthest = np.argmax(np.abs(difference), axis=-1)

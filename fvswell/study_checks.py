@@ -129,5 +129,5 @@ def _idle_designs(table: StudyTable) -> Iterator[Finding]:
             if not parameters_of(table, design, protocol):
                 yield Finding(
                     ("design", index, "name"),
-                    f"varies nothing in protocol {protocol.name}: name its parameters, or its protocols without this one",
+                    f"varies nothing in protocol {protocol.name}: leave it out of the design's protocols",
                 )

@@ -9,7 +9,7 @@ from scipy.stats import qmc
 
 from fvswell.tissue import Array
 
-__all__ = ["combinations", "full_grid", "one_at_a_time", "on_range"]
+__all__ = ["combinations", "full_grid", "on_range", "one_at_a_time"]
 
 _ENGINES = {"sobol": qmc.Sobol, "latin-hypercube": qmc.LatinHypercube, "halton": qmc.Halton}
 
@@ -37,8 +37,5 @@ def combinations(dimensions: int, count: int, sampling: str, seed: int) -> Array
 
 def on_range(unit: Array, low: float, high: float, spacing: str) -> Array:
     """Values at fractions of a range; both ends are met exactly."""
-    if spacing == "log":
-        values = low * (high / low) ** unit
-    else:
-        values = low + (high - low) * unit
+    values = low * (high / low) ** unit if spacing == "log" else low + (high - low) * unit
     return np.where(unit == 1.0, high, np.clip(values, low, high))

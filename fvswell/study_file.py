@@ -24,9 +24,9 @@ from fvswell.units import DIMENSIONS
 __all__ = ["read_study", "write_study"]
 
 _COMMENT = (
-    "Each run is a parameter set of a design in a protocol, simulated with both models; the parameters are coordinates "
-    "along run. Values that could not be computed are nan, and run_status tells why. Strains are relative to the height "
-    "of the sample equilibrated in the first bath without a load."
+    "Each run is a parameter set of a design in a protocol, simulated with both models; the parameters are "
+    "coordinates along run. Values that could not be computed are nan, and run_status tells why. Strains are relative "
+    "to the height of the sample equilibrated in the first bath without a load."
 )
 
 
@@ -76,8 +76,8 @@ def write_study(
     except (OSError, RuntimeError) as error:  # netCDF4 raises RuntimeError when the disk is full
         part.unlink(missing_ok=True)
         raise OutputError(
-            f"{part}: cannot be written: {getattr(error, 'strerror', None) or error}; the finished batches are kept, and "
-            "the same command puts them together"
+            f"{part}: cannot be written: {getattr(error, 'strerror', None) or error}; the finished batches are kept, "
+            "and the same command puts them together"
         ) from None
     return int(np.sum(status == COMPLETE)), len(status)
 

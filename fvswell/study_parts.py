@@ -39,7 +39,7 @@ class StudyParts:
             label = self.directory / _KEY
             if not label.exists():
                 if any(self.directory.glob("*" + _SUFFIX)):
-                    raise OutputError(f"{self.directory}: holds files of unknown origin; remove it or choose another output")
+                    raise OutputError(f"{self.directory}: holds files of unknown origin; remove it")
                 self._write(label, lambda file: file.write(key.encode()))
             elif label.read_text() != key:
                 raise OutputError(
@@ -61,8 +61,9 @@ class StudyParts:
         OutputError
             If it cannot be written.
         """
+        arrays: dict[str, Any] = result
         try:
-            self._write(self._path(index), lambda file: np.savez(file, **result))
+            self._write(self._path(index), lambda file: np.savez(file, **arrays))
         except OSError as error:
             raise OutputError(
                 f"{self.directory}: cannot be written: {error.strerror}; the finished batches are kept, and the same "

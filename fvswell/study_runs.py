@@ -8,7 +8,7 @@ import numpy as np
 
 from fvswell.case import Case
 from fvswell.study_designs import combinations, full_grid, on_range, one_at_a_time
-from fvswell.study_schema import Design, Grid, OneAtATime, Protocol, StudyTable
+from fvswell.study_schema import Design, Grid, OneAtATime, Protocol, StudyTable, Variation
 from fvswell.tissue import Array
 
 __all__ = ["Runs", "expand", "parameters_of", "protocols_of", "samples_per_phase"]
@@ -35,7 +35,7 @@ def protocols_of(table: StudyTable, design: Design) -> list[int]:
     ]
 
 
-def parameters_of(table: StudyTable, design: Design, protocol: Protocol) -> list[int]:
+def parameters_of(table: StudyTable, design: Variation, protocol: Protocol) -> list[int]:
     """Indices of the parameters that a design varies in a protocol."""
     names = tuple(design.counts) if isinstance(design, Grid) else design.parameters
     return [
@@ -68,7 +68,7 @@ def samples_per_phase(case: Case) -> int:
     return case.time.steps_per_phase if case.time.scheme == "backward-euler" else _SAMPLES
 
 
-def _points(table: StudyTable, design: Design, varied: list[int]) -> Array:
+def _points(table: StudyTable, design: Variation, varied: list[int]) -> Array:
     """Points of a design in the unit cube of the parameters it varies."""
     if isinstance(design, OneAtATime):
         return one_at_a_time(len(varied), design.count)

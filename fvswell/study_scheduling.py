@@ -62,8 +62,8 @@ def on_cores(batches: Sequence[Batch], processes: int) -> Finished:
                 yield index, future.result()
     except BrokenProcessPool:
         raise SchedulerError(
-            "a process of the study was killed, perhaps for want of memory; the finished batches are kept, and the same "
-            "command goes on with the others"
+            "a process of the study was killed, perhaps for want of memory; the finished batches are kept, and the "
+            "same command goes on with the others"
         ) from None
     finally:
         executor.shutdown(wait=True, cancel_futures=True)
@@ -98,7 +98,7 @@ def on_dask(batches: Sequence[Batch], address: str) -> Finished:
         except TimeoutError:
             raise SchedulerError(f"{address}: the Dask cluster has no workers") from None
         pending = {client.submit(run_batch, batch, pure=False): batch.index for batch in batches}
-        for future in as_completed(list(pending)):
+        for future in as_completed(list(pending), loop=client.loop):
             index = pending.pop(future)
             yield index, future.result()
 

@@ -19,7 +19,8 @@ from fvswell.case_schema import MODELS, CaseTable, Table, inner_tables, is_array
 from fvswell.case_values import Choice, Count, Load, Name, Quantity, Text, ValueType
 
 __all__ = [
-    "SAMPLINGS", "Combinations", "Design", "Grid", "OneAtATime", "Parameter", "Protocol", "StudyTable", "varied_quantity",
+    "SAMPLINGS", "Combinations", "Design", "Grid", "OneAtATime", "Parameter", "Protocol", "StudyTable",
+    "Variation", "varied_quantity",
 ]  # fmt: skip
 
 SAMPLINGS = ("sobol", "latin-hypercube", "halton", "random")
@@ -148,7 +149,7 @@ class Parameter(Table):
     spacing: Annotated[str, Choice(("linear", "log"))] = Field(
         default="linear", description="Whether values are spread evenly, or evenly in their logarithm."
     )
-    low: Annotated[float, Bound()] = Field(description="Lower end of the range, in the unit of the key or with its own.")
+    low: Annotated[float, Bound()] = Field(description="Lower end of the range, as the key's values are given.")
     high: Annotated[float, Bound()] = Field(description="Upper end of the range.")
     protocols: Annotated[tuple[str, ...] | None, Names()] = Field(
         default=None, description="Names of the protocols that it is varied in; all without it."
@@ -204,7 +205,8 @@ class Combinations(Design):
         default=None, description="Names of the parameters to vary; all without it."
     )
     sampling: Annotated[str, Choice(SAMPLINGS)] = Field(
-        default="sobol", description="How the points are chosen (scipy.stats.qmc); all but random cover the ranges evenly."
+        default="sobol",
+        description="How the points are chosen (scipy.stats.qmc); all but random cover the ranges evenly.",
     )
     count: Annotated[int, Count(1)] = Field(description="Number of points; a power of two for sobol.")
     seed: Annotated[int, Count(0)] = Field(default=0, description="Seed: the same one gives the same points.")
@@ -216,6 +218,9 @@ class Combinations(Design):
             below = 1 << (count.bit_length() - 1)
             raise ValueError(f"must be a power of two for sobol points, such as {below} or {2 * below}")
         return count
+
+
+Variation = OneAtATime | Grid | Combinations
 
 
 class Protocol(Table):
@@ -249,7 +254,7 @@ class StudyTable(Table):
         default=False, description="Whether the result holds the strain curves too."
     )
     parameter: tuple[Parameter, ...]
-    design: tuple[Annotated[OneAtATime | Grid | Combinations, Field(discriminator="kind")], ...]
+    design: tuple[Annotated[Variation, Field(discriminator="kind")], ...]
     protocol: tuple[Protocol, ...]
 
     @field_validator("parameter", "design", "protocol")

@@ -34,8 +34,9 @@ def swelling(**changes: Any) -> Case:
 
 
 def _changed(file: str, changes: dict[str, Any]) -> Case:
+    durations = {} if "phase" in changes else PHASES
     return fvswell.load_case(CASES / file).with_changes(
-        PHASES | {key.replace("__", "."): value for key, value in changes.items()}
+        durations | {key.replace("__", "."): value for key, value in changes.items()}
     )
 
 

@@ -57,10 +57,13 @@ def study(**changes: Any) -> Study:
 
 
 def many_batches() -> dict[str, Any]:
-    """Tables of a study of six batches: each height has a grid of its own."""
+    """Tables of a study of six batches of two: each height has a grid of its own."""
     return {
+        "protocol": [
+            protocol(geometry__cells=6, phase__loading__duration="200 s", phase__unloading__duration="300 s")
+        ],
         "parameter": [STIFFNESS, HEIGHT],
-        "design": [{"name": "all", "kind": "grid", "counts": {"height": 6, "stiffness": 3}}],
+        "design": [{"name": "all", "kind": "grid", "counts": {"height": 6, "stiffness": 2}}],
         "strain_curves": True,
     }
 

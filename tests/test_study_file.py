@@ -233,7 +233,8 @@ def test_impossible_parameter_sets_can_be_left_out():
 
 def test_a_study_of_nothing_but_impossible_sets_is_refused():
     hard = [LOADS | {"low": "20 MPa", "high": "30 MPa"}]
-    assert any("no equilibrium with water" in line for line in problems(**MANY_LOADS | {"parameter": hard}, impossible="skip"))
+    told = problems(**MANY_LOADS | {"parameter": hard}, impossible="skip")
+    assert any("no equilibrium with water" in line for line in told)
 
 
 def test_unreadable_files_are_told(tmp_path):

@@ -1,0 +1,90 @@
+"""Blocks against exact solutions: Mandel's problem and unconfined compression of a disc, small strain."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from blocks import BATH, UNCONFINED, block_system, protocol
+from tissues import reference_tissue
+
+from fvswell.block_equilibrium import equilibrated_state
+from fvswell.block_grid import block_grid, graded_nodes
+from fvswell.exact.mandel import MandelBlock
+from fvswell.exact.unconfined_compression import UnconfinedDisc
+from fvswell.models import BIPHASIC
+from fvswell.time_stepping import SDIRK2, Marcher, State, Step, StepControl
+from fvswell.tissue import Array, Tissue
+
+_SCALED_TIMES = np.array([0.01, 0.05, 0.1, 0.5, 1.0])
+_SMALL = 1e-6  # MPa: strains of 1e-6, so that the solid is linear to that
+
+
+def _history(
+    kind: str, cells: int, duration: float, force: float, tissue: Tissue, tolerance: float = 1e-4
+) -> tuple[Array, Array, Array, Array]:
+    """Pressures (times, cells in the bottom row), their places, displacements of the top and of the right edge."""
+    grid = block_grid(kind, graded_nodes(1.0, cells, 5.0, ["end"]), graded_nodes(0.5, 2))
+    system = block_system(grid, UNCONFINED, BIPHASIC, tissue)
+    state = equilibrated_state(system, BATH)
+    times = _SCALED_TIMES * duration
+    found: list[tuple[Array, float, float]] = []
+    rim = grid.edge_vertices("right")[0]
+
+    def record(state: State, step: Step) -> None:
+        if np.isclose(state.elapsed[0], times, rtol=1e-9).any():
+            unknowns = state.unknowns[0, 0]
+            pressure = system.block.potentials(unknowns)[0, 0, :cells].copy()
+            outward = (system.block.positions(unknowns) - grid.vertices)[0, rim]
+            found.append((pressure, float(state.loads["top.displacement"][0]), float(outward)))
+
+    control = StepControl(SDIRK2, np.array([tolerance * _SMALL]), first_step=1e-5 * duration)
+    loads = protocol([times[-1]], [times], bath=[(BATH, 0.0)], top__force=[(force, 0.0)])
+    marcher = Marcher(system, loads, control, state, [record])
+    marcher.run()
+    assert not marcher.failures
+    pressure, top, outward = (np.array(part) for part in zip(*found, strict=True))
+    assert len(top) == len(times)
+    return pressure, grid.centres[0, :cells], top, outward
+
+
+def test_mandel() -> None:
+    exact = MandelBlock(1.0, 0.5, 0.2, 1e-3, force=_SMALL)
+    tissue = reference_tissue(poisson_ratio=0.2)
+    errors = []
+    for cells in (20, 40):
+        pressure, x, top, outward = _history("plane-strain", cells, 1.0 / exact.diffusivity, _SMALL, tissue)
+        times = _SCALED_TIMES / exact.diffusivity
+        gap = np.abs(pressure - exact.fluid_pressure(x, times)).max() / _SMALL
+        errors.append(gap)
+        np.testing.assert_allclose(2.0 * top, exact.axial_strain(times), rtol=2e-3)
+        np.testing.assert_allclose(outward, exact.edge_displacement(times), rtol=2e-3)
+    assert errors[-1] < 1e-3
+    assert errors[0] / errors[1] > 3.0  # second order
+    middle = pressure[:, 0] / _SMALL
+    np.testing.assert_allclose(middle, [0.52188, 0.54944, 0.54771, 0.29639, 0.12942], atol=1e-3)
+    assert middle[1] > middle[0]  # Mandel and Cryer's effect: the pressure first rises
+
+
+def test_unconfined_compression_of_a_disc() -> None:
+    exact = UnconfinedDisc(1.0, 0.5, 0.2, 1e-3)
+    tissue = reference_tissue(poisson_ratio=0.2)
+    scale = 1.0 / (exact.aggregate_modulus * exact.permeability)
+    errors = []
+    for cells in (20, 40):
+        pressure, r, top, outward = _history("axisymmetric", cells, scale, np.pi * _SMALL, tissue)
+        creep = exact.creep(r, _SCALED_TIMES * scale, _SMALL)
+        errors.append(np.abs(pressure - creep.fluid_pressure).max() / _SMALL)
+        np.testing.assert_allclose(2.0 * top, creep.axial_strain, rtol=2e-3)
+        np.testing.assert_allclose(outward, creep.rim_displacement, rtol=4e-3)
+    assert errors[-1] < 1e-3
+    assert errors[0] / errors[1] > 3.0
+
+
+@pytest.mark.slow
+def test_mandel_on_a_fine_grid() -> None:
+    exact = MandelBlock(1.0, 0.5, 0.2, 1e-3, force=_SMALL)
+    pressure, x, *_ = _history(
+        "plane-strain", 120, 1.0 / exact.diffusivity, _SMALL, reference_tissue(poisson_ratio=0.2), 1e-5
+    )
+    gap = np.abs(pressure - exact.fluid_pressure(x, _SCALED_TIMES / exact.diffusivity)).max() / _SMALL
+    assert gap < 1e-4

@@ -1,0 +1,168 @@
+"""Forces of the solid: patches, rigid motion, and a manufactured deformation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from blocks import BATH, CLAMPED, CLAMPED_DISC, FREE, block_system, distorted_vertices, rough_grid
+from scipy.optimize import brentq
+from scipy.sparse.linalg import spsolve
+from tissues import REFERENCE_BATH, reference_tissue
+
+from fvswell.block import Block
+from fvswell.block_equilibrium import NoEquilibrium, equilibrated_state
+from fvswell.block_grid import shaped_block_grid
+from fvswell.block_mechanics import BlockSolid, block_solid
+from fvswell.block_system import edge_loads
+from fvswell.block_transport import BlockInterval
+from fvswell.equilibrium import isotropic_equilibrium_volume_ratio, osmotic_pressure_difference
+from fvswell.models import BIPHASIC, BIPHASIC_SWELLING, ELECTROCHEMICAL
+from fvswell.solid import SOLIDS, cauchy_stress
+from fvswell.tissue import Array
+
+
+def forces_at_vertices(solid: BlockSolid, cell_vertices: Array, positions: Array) -> Array:
+    forces = solid.forces(solid.deformation_gradient(positions[:, cell_vertices]))
+    total = np.zeros_like(positions)
+    for component in (0, 1):
+        np.add.at(total[component], cell_vertices, forces[component])
+    return total
+
+
+@pytest.mark.parametrize("solid_law", SOLIDS)
+def test_homogeneous_finite_deformation_is_exact_on_distorted_quads(solid_law: str) -> None:
+    grid = rough_grid("plane-strain")
+    tissue = reference_tissue(solid_law)
+    F = np.array([[1.2, 0.35], [-0.1, 0.8]])
+    positions = F @ grid.vertices
+    solid = block_solid(grid, tissue)
+    forces = forces_at_vertices(solid, grid.cell_vertices, positions)
+    inner = np.setdiff1d(np.arange(positions.shape[1]), np.concatenate([grid.edge_vertices(e) for e in grid.edges]))
+    np.testing.assert_allclose(forces[:, inner], 0.0, atol=1e-14)
+    b = F @ F.T
+    sigma = cauchy_stress(tissue, *(np.array([[v]]) for v in (b[0, 0], b[1, 1], 1.0, b[0, 1])))
+    edge = F @ np.array([0.0, 1.0])  # the right edge
+    normal = np.array([edge[1], -edge[0]])
+    traction = np.array([[sigma.xx, sigma.xy], [sigma.xy, sigma.yy]])[:, :, 0, 0] @ normal
+    on_right = grid.edge_vertices("right")
+    corners = on_right[[0, -1]]
+    other = forces[:, np.setdiff1d(on_right, corners)].sum(axis=1)
+    assert np.abs(traction).min() > 0.01
+    np.testing.assert_allclose(other, traction * 0.75, rtol=1e-12)  # two half faces of four belong to the corners
+    stress = solid.cell_stress(solid.deformation_gradient(positions[:, grid.cell_vertices]))
+    np.testing.assert_allclose(stress.xy, sigma.xy.item(), rtol=1e-12)
+
+
+def test_rigid_motion_gives_no_stress() -> None:
+    grid = rough_grid("plane-strain")
+    turn = np.array([[np.cos(0.8), -np.sin(0.8)], [np.sin(0.8), np.cos(0.8)]])
+    positions = turn @ grid.vertices + np.array([[3.0], [-1.0]])
+    forces = forces_at_vertices(block_solid(grid, reference_tissue()), grid.cell_vertices, positions)
+    np.testing.assert_allclose(forces, 0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("concentration", [1.5e-4, 1e-4, 5e-5])
+def test_free_swelling_of_a_disc(concentration: float) -> None:
+    expected = isotropic_equilibrium_volume_ratio(reference_tissue(), concentration, 0.93).item()
+    state = equilibrated_state(block_system(rough_grid("axisymmetric"), FREE, ELECTROCHEMICAL), concentration)
+    np.testing.assert_allclose(state.contents[0], expected, rtol=0, atol=1e-12)
+
+
+def test_free_swelling_of_a_square_held_out_of_plane() -> None:
+    tissue = reference_tissue()
+
+    def unbalanced(J: float) -> float:
+        one = np.ones((1, 1))
+        stress = cauchy_stress(tissue, J * one, J * one, one, 0.0 * one).xx
+        return float((stress - osmotic_pressure_difference(tissue, J * one, **REFERENCE_BATH)).item())
+
+    state = equilibrated_state(block_system(rough_grid("plane-strain"), FREE, BIPHASIC_SWELLING), BATH)
+    np.testing.assert_allclose(state.contents[0], brentq(unbalanced, 1.0, 1.2, xtol=1e-14), rtol=0, atol=1e-12)
+
+
+def test_biphasic_block_starts_stress_free_and_glued_one_swells_unevenly() -> None:
+    grid = rough_grid("plane-strain")
+    glued = FREE | {"bottom": CLAMPED["bottom"]}
+    np.testing.assert_allclose(equilibrated_state(block_system(grid, glued, BIPHASIC), BATH).contents[0], 1.0)
+    state = equilibrated_state(block_system(grid, glued, ELECTROCHEMICAL), BATH)
+    assert np.ptp(state.contents[0]) > 0.01
+    assert state.contents[0].min() > 1.0
+
+
+def test_no_equilibrium_is_told() -> None:
+    tissue = reference_tissue(youngs_modulus=0.01, fixed_charge_density=0.0)  # the bath draws water out
+    with pytest.raises(NoEquilibrium, match="no state at rest"):
+        equilibrated_state(block_system(rough_grid("axisymmetric"), FREE, ELECTROCHEMICAL, tissue), BATH)
+
+
+def _displacement(X: Array) -> Array:
+    bump = np.sin(np.pi * X[0] / 2.0) * np.sin(np.pi * X[1])
+    return np.stack([0.12 * bump, -0.08 * bump * (1.0 + X[0])])
+
+
+def _gradient(X: Array) -> Array:
+    """F of the manufactured deformation, (2, 2, points)."""
+    step = 1e-30j
+    by = [(_displacement(X + step * np.eye(2)[:, i].reshape(2, *[1] * (X.ndim - 1))).imag / 1e-30) for i in (0, 1)]
+    F = np.stack(by, axis=1)
+    F[0, 0] += 1.0
+    F[1, 1] += 1.0
+    return F
+
+
+def _pressure(X: Array) -> Array:
+    return 0.1 * np.cos(2.0 * X[0]) * (1.0 + X[1])
+
+
+def _manufactured_forces(block: Block) -> Array:
+    """Forces on the corners of the cells in the exact deformation: integral of (P - p J F^-T) : grad N."""
+    point, weight = np.polynomial.legendre.leggauss(6)
+    a, b = (g.ravel() for g in np.meshgrid(point, point))
+    w = np.outer(weight, weight).ravel()
+    sa, sb = np.array([-1.0, 1.0, 1.0, -1.0]), np.array([-1.0, -1.0, 1.0, 1.0])
+    N = 0.25 * (1 + np.outer(a, sa)) * (1 + np.outer(b, sb))
+    slope = 0.25 * np.stack([sa * (1 + np.outer(b, sb)), sb * (1 + np.outer(a, sa))], axis=-1)
+    corners = block.grid.vertices[:, block.grid.cell_vertices]
+    X = np.einsum("qa,dac->dqc", N, corners)
+    jacobian = np.einsum("qae,dac->cqde", slope, corners)
+    grad = np.einsum("qae,cqed->adqc", slope, np.linalg.inv(jacobian))
+    volume = np.linalg.det(jacobian).T * w[:, None]
+    F = _gradient(X)
+    rings = block.grid.section.rings
+    hoop = 1.0 + _displacement(X)[0] / X[0] if rings else np.ones_like(X[0])
+    volume = volume * 2 * np.pi * X[0] if rings else volume
+    b_ = np.einsum("ik...,jk...->ij...", F, F)
+    s = cauchy_stress(block.term.cells.tissue, b_[0, 0], b_[1, 1], hoop**2, b_[0, 1])
+    p = _pressure(X)
+    sigma = np.stack([np.stack([s.xx - p, s.xy]), np.stack([s.xy, s.yy - p])])
+    cofactor = np.stack([np.stack([F[1, 1], -F[1, 0]]), np.stack([-F[0, 1], F[0, 0]])]) * hoop
+    P = np.einsum("ik...,kj...->ij...", sigma, cofactor)
+    forces = np.einsum("ij...qc,aj...qc,qc->iac", P, grad, volume)
+    if rings:
+        P_hoop = (s.zz - p) * (F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0])
+        forces[0] += np.einsum("qc,qa,qc->ac", P_hoop / X[0], N, volume)
+    return forces
+
+
+@pytest.mark.parametrize("kind", ["plane-strain", "axisymmetric"])
+def test_manufactured_deformation_converges_at_second_order(kind: str) -> None:
+    errors = []
+    for n in (6, 12, 24):
+        grid = shaped_block_grid(kind, distorted_vertices(2 * n, n))
+        block = block_system(grid, CLAMPED_DISC if kind == "axisymmetric" else CLAMPED, BIPHASIC).block
+        interval, loads = BlockInterval(np.zeros((1, 1, grid.cells)), 0.0, BATH), edge_loads({})
+        number = block.freedoms.number
+        forces = block.gather_corners @ _manufactured_forces(block).ravel()
+        unknowns = np.concatenate([np.zeros(number), _pressure(grid.centres)])
+        for _ in range(12):
+            state = block.evaluate(unknowns, interval, loads)
+            jacobian = block.pattern.matrix(block.jacobian(state, interval, loads))[:number, :number]
+            step = spsolve(jacobian.tocsc(), state.residual[:number] - forces)
+            unknowns[:number] -= step
+            if np.abs(step).max() < 1e-12:
+                break
+        gap = block.freedoms.displacements(unknowns[:number]) - _displacement(grid.vertices)
+        errors.append(np.sqrt((gap**2).mean()))
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert orders[-1] > 1.9, (errors, orders)
+    assert errors[-1] < 1e-3
