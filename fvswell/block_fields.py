@@ -22,10 +22,10 @@ def block_fields(block: Block, state: State) -> Record:
     Returns
     -------
     dict
-        At vertices ``displacement_x``, ``displacement_y`` (mm, from the stress-free solid); in cells, ``(cells,)``: volume
-        ratio, pressures, effective stresses (means over the cell; zz is out of the plane, or the hoop), concentrations,
-        potential, and fluxes per current area as vectors (``water_flux_x``, ...); and the driven quantities, scalars,
-        with ``_`` for the dot in their names.
+        At vertices ``displacement_x``, ``displacement_y`` (mm, from the stress-free solid); in cells, ``(cells,)``:
+        volume ratio, pressures, effective stresses (means over the cell; zz is out of the plane, or the hoop),
+        concentrations, potential, and fluxes per current area as vectors (``water_flux_x``, ...); and the driven
+        quantities, scalars, with ``_`` for the dot in their names.
     """
     unknowns, bath = state.unknowns[0, 0], float(state.loads["bath"][0])
     term, positions, potentials = block.term, block.positions(unknowns), block.potentials(unknowns)

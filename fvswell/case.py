@@ -14,14 +14,16 @@ from typing import Any
 import tomli_w
 from pydantic import PrivateAttr
 
+from fvswell.case_block_checks import check_block_case
+from fvswell.case_block_schema import BlockGeometry, BlockPhase
 from fvswell.case_changes import changed_content
 from fvswell.case_checks import check_case
 from fvswell.case_errors import CaseError, Problem, nearest_name, shown
 from fvswell.case_reading import read_tables
-from fvswell.case_schema import MODELS, CaseTable
+from fvswell.case_schema import BLOCK_GEOMETRIES, GEOMETRIES, MODELS, CaseTable
 from fvswell.tissue import Array, Tissue
 
-__all__ = ["MODELS", "Case", "CaseError", "load_case", "parse_setting", "starter_text"]
+__all__ = ["MODELS", "BlockCase", "Case", "CaseError", "load_case", "parse_setting", "starter_text"]
 
 _HEADER = "# Plain numbers are in mm, N, s, mmol, K: MPa, mmol/mm^3, mm^4/(N s), mm^2/s.\n"
 
@@ -59,7 +61,13 @@ class Case(CaseTable):
 
     @classmethod
     def _from_content(cls, content: Mapping[str, Any], source: str) -> Case:
-        case = read_tables(cls, content, source, check_case)
+        geometry = content.get("geometry")
+        kind = geometry.get("kind") if isinstance(geometry, Mapping) else None
+        case: Case
+        if nearest_name(kind, GEOMETRIES) in BLOCK_GEOMETRIES:
+            case = read_tables(BlockCase, content, source, check_block_case)
+        else:
+            case = read_tables(Case, content, source, check_case)
         case._source = source
         return case
 
@@ -120,6 +128,17 @@ class Case(CaseTable):
 
     def __hash__(self) -> int:
         return hash(self.sha256)
+
+
+class BlockCase(Case):
+    """A simulation of a block, in plane strain or axisymmetry."""
+
+    geometry: BlockGeometry  # type: ignore[assignment]
+    phase: tuple[BlockPhase, ...]  # type: ignore[assignment]
+
+    def tissue_at_points(self, points: Array) -> Tissue:
+        """Tissue at points ``(2, points)`` of the stress-free solid, mm; arrays (1, 1) or (1, points)."""
+        return self.tissue.at({"x": points[0], "y": points[1]}, self.bath)
 
 
 def load_case(path: str | PathLike[str]) -> Case:

@@ -9,12 +9,12 @@ import numpy as np
 
 from fvswell.case_errors import Finding
 from fvswell.case_schema import CaseTable
-from fvswell.case_values import DepthProfile, final_value
+from fvswell.case_values import DepthProfile, PlaneProfile, final_value
 from fvswell.equilibrium import equilibrium_volume_ratio, osmotic_pressure_difference
 from fvswell.solid import uniaxial_stress
 from fvswell.tissue import Array, Tissue
 
-__all__ = ["check_case"]
+__all__ = ["check_case", "osmotic_problems", "repeated_names", "times_beyond_end"]
 
 _State = tuple[float, float]  # pressure of the piston, concentration of the bath
 
@@ -25,11 +25,21 @@ _DIGITS = 3
 
 def check_case(case: CaseTable) -> Iterator[Finding]:
     """Everything wrong between the values of a case, each of which is valid by itself."""
-    yield from _repeated_names(case)
+    yield from repeated_names(case)
     yield from _piston_jumps(case)
-    yield from _times_beyond_end(case)
+    yield from times_beyond_end(case)
+    for key, value in case.tissue:
+        if isinstance(value, PlaneProfile):
+            yield Finding(("tissue", key), "varies with x or y: in a column give {depth = [...], value = [...]}")
+            return
     depth = _sampled_depths(case)
     tissue = case.tissue.at({"depth": depth}, case.bath)
+    problems = list(osmotic_problems(case, tissue))
+    yield from problems or _lost_water(case, tissue, depth)
+
+
+def osmotic_problems(case: CaseTable, tissue: Tissue) -> Iterator[Finding]:
+    """A fall of the osmotic coefficient with the charge that leaves nothing of it."""
     least = np.min(tissue.osmotic_coefficient)
     if least <= 0.0:
         most = case.bath.osmotic_coefficient / np.max(tissue.fixed_charge_density)
@@ -38,11 +48,10 @@ def check_case(case: CaseTable) -> Iterator[Finding]:
             f"makes the osmotic coefficient in the tissue {least:.3g}, which must be above 0; where the "
             f"charge is highest, values below {most:.3g} mm^3/mmol do",
         )
-    else:
-        yield from _lost_water(case, tissue, depth)
 
 
-def _repeated_names(case: CaseTable) -> Iterator[Finding]:
+def repeated_names(case: CaseTable) -> Iterator[Finding]:
+    """Phases of one name."""
     names = [phase.name for phase in case.phase]
     for index, name in enumerate(names):
         if name in names[:index]:
@@ -64,7 +73,8 @@ def _piston_jumps(case: CaseTable) -> Iterator[Finding]:
         left = None if given is None else final_value(given)
 
 
-def _times_beyond_end(case: CaseTable) -> Iterator[Finding]:
+def times_beyond_end(case: CaseTable) -> Iterator[Finding]:
+    """Output asked for after the end."""
     durations = [phase.duration for phase in case.phase if isinstance(phase.duration, float)]
     end = math.fsum(durations)
     if len(durations) == len(case.phase) and case.output.times is not None and case.output.times[-1] > end:

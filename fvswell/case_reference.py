@@ -37,7 +37,8 @@ they go there linearly within the time `over`, which must not be longer than the
 def case_reference() -> str:
     """Markdown page with every key of a case: unit, default, allowed values and meaning."""
     parts = [_INTRODUCTION, _units()]
-    for heading, table in tables_below(CaseTable):
+    blocks = [tables for tables in tables_below(BlockCase) if tables[1] not in {table for _, table in tables_below(CaseTable)}]
+    for heading, table in [*tables_below(CaseTable), *blocks[1:]]:
         title = (
             f"`{heading.split(' ')[0]}`{heading.removeprefix(heading.split(' ')[0])}"
             if heading

@@ -18,6 +18,8 @@ from fvswell.case_values import (
     Coordinates,
     Count,
     DepthProfile,
+    PlaneProfile,
+    Profile,
     Duration,
     Load,
     Name,
@@ -31,6 +33,8 @@ from fvswell.solid import SOLIDS
 from fvswell.tissue import Array, Tissue
 
 __all__ = [
+    "BLOCK_GEOMETRIES",
+    "GEOMETRIES",
     "MODELS",
     "BackwardEuler",
     "Bath",
@@ -50,8 +54,10 @@ __all__ = [
 ]
 
 MODELS = ("biphasic", "biphasic-swelling", "electrochemical")
+BLOCK_GEOMETRIES = ("plane-strain", "axisymmetric")
+GEOMETRIES = ("column", *BLOCK_GEOMETRIES)
 
-_Varying = float | DepthProfile
+_Varying = float | DepthProfile | PlaneProfile
 _DIFFUSIVITY = Quantity("diffusivity", above=0.0, varying=True)
 
 
@@ -77,7 +83,9 @@ class Table(BaseModel):
 class ColumnGeometry(Table):
     """A column between a filter (bottom) and a piston (top), deforming along its axis only."""
 
-    kind: Literal["column"] = Field(description="A column under a piston, on a filter open to the bath.")
+    kind: Annotated[str, Choice(GEOMETRIES)] = Field(
+        description="column: under a piston, on a filter open to the bath. The others are blocks, see below."
+    )
     height: Annotated[float, Quantity("length", above=0.0)] = Field(
         description="Height of the stress-free solid (J = 1)."
     )
@@ -165,8 +173,8 @@ class TissueProperties(Table):
     def at(self, coordinates: Coordinates, bath: Bath) -> Tissue:
         """Tissue at points; arrays of shape (1, 1) where homogeneous, (1, points) where varying."""
 
-        def values(quantity: float | DepthProfile | None) -> Array:
-            if isinstance(quantity, DepthProfile):
+        def values(quantity: float | Profile | None) -> Array:
+            if isinstance(quantity, Profile):
                 return quantity.at(coordinates)[np.newaxis, :]
             return np.array([[np.nan if quantity is None else quantity]])  # None: a law that does not use it
 
@@ -307,7 +315,7 @@ class CaseTable(Table):
 
     @field_validator("phase")
     @classmethod
-    def _some_phase(cls, phases: tuple[ColumnPhase, ...]) -> tuple[ColumnPhase, ...]:
+    def _some_phase(cls, phases: tuple[Phase, ...]) -> tuple[Phase, ...]:
         if not phases:
             raise ValueError("must hold at least one [[phase]]")
         return phases

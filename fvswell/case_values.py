@@ -21,10 +21,16 @@ __all__ = [
     "Choice",
     "Coordinates",
     "Count",
+    "Counts",
     "DepthProfile",
     "Duration",
     "Load",
+    "Flag",
     "Name",
+    "Names",
+    "PlaneProfile",
+    "Point",
+    "Profile",
     "Quantity",
     "Ramp",
     "RelaxationTimes",
@@ -36,15 +42,12 @@ __all__ = [
 
 _RELAXATION_TIMES = re.compile(rf"\s*({NUMBER})\s+relaxation\s+times?\s*")
 
-Coordinates = Mapping[str, Array]  # of the points, by name: "depth", mm
+Coordinates = Mapping[str, Array]  # of the points, by name: "depth" in columns, "x" and "y" in blocks, mm
 
 
 @dataclass(frozen=True)
 class DepthProfile:
-    """A quantity that varies with depth: linear between the knots, constant outside them.
-
-    Every kind of profile has ``at``; a new kind takes other coordinates.
-    """
+    """A quantity that varies along a column: linear between the knots, constant outside them."""
 
     depth: tuple[float, ...]  # mm from the filter, in the stress-free solid
     value: tuple[float, ...]
@@ -52,6 +55,32 @@ class DepthProfile:
     def at(self, coordinates: Coordinates) -> Array:
         """Values at the points, shape of ``coordinates["depth"]``."""
         return np.interp(coordinates["depth"], self.depth, self.value)
+
+
+@dataclass(frozen=True)
+class PlaneProfile:
+    """A quantity that varies over a block: linear between the knots, constant outside them.
+
+    ``value`` has a row for each y and a column for each x; an axis along which nothing varies has a single knot.
+    """
+
+    x: tuple[float, ...]  # mm, in the stress-free solid; the radius of a disc
+    y: tuple[float, ...]  # mm
+    value: tuple[tuple[float, ...], ...]
+
+    def at(self, coordinates: Coordinates) -> Array:
+        """Values at the points, shape of ``coordinates["x"]``."""
+        columns = np.stack([np.interp(coordinates["x"], self.x, row) for row in self.value])
+        above = np.clip(np.searchsorted(self.y, coordinates["y"]), 1, max(len(self.y) - 1, 1))
+        if len(self.y) == 1:
+            return columns[0]
+        low, high = np.array(self.y)[above - 1], np.array(self.y)[above]
+        share = np.clip((coordinates["y"] - low) / (high - low), 0.0, 1.0)
+        points = np.arange(columns.shape[1])
+        return (1.0 - share) * columns[above - 1, points] + share * columns[above, points]
+
+
+Profile = DepthProfile | PlaneProfile
 
 
 class Ramp(NamedTuple):
@@ -148,6 +177,76 @@ class Choice(ValueType):
 
 
 @dataclass(frozen=True)
+class Names(ValueType):
+    """A list of some names, none twice."""
+
+    names: tuple[str, ...]
+
+    @property
+    def allowed(self) -> str:
+        """The names."""
+        return "a list of " + ", ".join(f'"{name}"' for name in self.names)
+
+    def _read(self, value: Any) -> tuple[str, ...]:
+        if not isinstance(value, list | tuple) or len(set(map(str, value))) != len(value):
+            raise ValueError(f"must be {self.allowed}, none twice")
+        return tuple(Choice(self.names)._read(item) for item in value)
+
+    def _plain(self, value: tuple[str, ...]) -> list[str]:
+        return list(value)
+
+
+@dataclass(frozen=True)
+class Flag(ValueType):
+    """True or false."""
+
+    allowed = "true or false"
+
+    def _read(self, value: Any) -> bool:
+        if not isinstance(value, bool):
+            raise ValueError(f"must be {self.allowed}")
+        return value
+
+
+@dataclass(frozen=True)
+class Counts(ValueType):
+    """Two whole numbers: along x and along y."""
+
+    at_least: int
+
+    @property
+    def allowed(self) -> str:
+        """The smallest numbers."""
+        return f"two whole numbers, [along x, along y], each at least {self.at_least}"
+
+    def _read(self, value: Any) -> tuple[int, int]:
+        if not isinstance(value, list | tuple) or len(value) != 2:
+            raise ValueError(f"must be {self.allowed}")
+        x, y = (Count(self.at_least)._read(item) for item in value)
+        return x, y
+
+    def _plain(self, value: tuple[int, int]) -> list[int]:
+        return list(value)
+
+
+@dataclass(frozen=True)
+class Point(ValueType):
+    """A place in the stress-free solid."""
+
+    unit = DIMENSIONS["length"].unit
+    allowed = "two lengths, [x, y], at least 0"
+
+    def _read(self, value: Any) -> tuple[float, float]:
+        if not isinstance(value, list | tuple) or len(value) != 2:
+            raise ValueError(f"must be {self.allowed}")
+        x, y = (Quantity("length", at_least=0.0).number(item) for item in value)
+        return x, y
+
+    def _plain(self, value: tuple[float, float]) -> list[float]:
+        return list(value)
+
+
+@dataclass(frozen=True)
 class Count(ValueType):
     """A whole number."""
 
@@ -193,16 +292,20 @@ class Quantity(ValueType):
             " and ".join(f"{name} {limit:g}" for name, limit in limits.items() if limit is not None) or "any"
         )
 
-    def _read(self, value: Any) -> float | DepthProfile:
+    def _read(self, value: Any) -> float | Profile:
         if isinstance(value, Mapping):
             if not self.varying:
                 raise ValueError("must be one quantity: it cannot vary")
+            if "x" in value or "y" in value:
+                return _read_plane_profile(value, self.number)
             return _read_depth_profile(value, self.number)
         return self.number(value)
 
-    def _plain(self, value: float | DepthProfile) -> Any:
+    def _plain(self, value: float | Profile) -> Any:
         if isinstance(value, DepthProfile):
             return {"depth": list(value.depth), "value": list(value.value)}
+        if isinstance(value, PlaneProfile):
+            return {"x": list(value.x), "y": list(value.y), "value": [list(row) for row in value.value]}
         return value
 
     def number(self, value: Any) -> float:
@@ -285,6 +388,32 @@ def _read_depth_profile(value: Mapping[str, Any], read_number: Callable[[Any], f
     if len(profile.depth) != len(profile.value):
         counts = f"{len(profile.depth)} depths and {len(profile.value)} values"
         raise ValueError(f"has {counts}: must be as many of each")
+    return profile
+
+
+def _read_plane_profile(value: Mapping[str, Any], read_number: Callable[[Any], float]) -> PlaneProfile:
+    """Knots along x, along y, or both; values in a list along the one axis, or in a list of rows, one for each y."""
+
+    def knots(item: Any) -> tuple[float, ...]:
+        return _read_increasing(item, Quantity("length", at_least=0.0).number)
+
+    axes = [axis for axis in ("x", "y") if axis in value]
+    if len(axes) == 1:
+        read = _read_table(value, {axes[0]: knots, "value": lambda item: _read_list(item, read_number)})
+        along, values = read[axes[0]], read["value"]
+        if len(along) != len(values):
+            raise ValueError(f"has {len(along)} knots and {len(values)} values: must be as many of each")
+        rows = (values,) if axes == ["x"] else tuple((item,) for item in values)
+        return PlaneProfile(along, (0.0,), rows) if axes == ["x"] else PlaneProfile((0.0,), along, rows)
+
+    def table(item: Any) -> tuple[tuple[float, ...], ...]:
+        if not isinstance(item, list | tuple):
+            raise ValueError("must be a list of rows, one for each y")
+        return tuple(_read_list(row, read_number) for row in item)
+
+    profile = PlaneProfile(**_read_table(value, {"x": knots, "y": knots, "value": table}))
+    if len(profile.value) != len(profile.y) or any(len(row) != len(profile.x) for row in profile.value):
+        raise ValueError(f"must have {len(profile.y)} rows of {len(profile.x)} values: one for each y, and for each x")
     return profile
 
 

@@ -120,7 +120,10 @@ class _Iterate:
         with np.errstate(all="ignore"):  # a trial state may overflow: its norm is then not finite
             self.current = self.term.balance(self.unknowns, self.interval)
             self.residual = self.current.residual / (self.scale * self.term.grid.widths)
-            self.norm = np.abs(self.residual).max(axis=(0, 2))
+            widths = self.term.grid.widths
+            missed = (self.stage.prescribed["height"] - self.unknowns[0] @ widths) / widths.sum()
+            self.missed = np.where(self.held, np.abs(missed), 0.0)  # how far the piston is from its place
+            self.norm = np.maximum(np.abs(self.residual).max(axis=(0, 2)), self.missed)
             self.change = np.abs((self.current.contents - self.stage.base) / self.scale).max(axis=(0, 2))
 
     def store(self, solution: Solution, rows: Array, iteration: int) -> None:
@@ -137,7 +140,9 @@ class _Iterate:
         """One damped Newton update; returns its size in each row (largest change of an unknown)."""
         step, pressure_step = self._newton_step()
         fraction = self._admissible_fraction(step)
-        before, start, start_pressure = self.norm, self.unknowns, self.pressure
+        # balances that hold where the piston has not come to its place say nothing of the way there
+        before = np.where(self.missed > _UNBALANCED, np.inf, self.norm)
+        start, start_pressure = self.unknowns, self.pressure
         size = np.abs(step).max(axis=(0, 2))
         for _ in range(_MAX_HALVINGS):
             self.unknowns = start + fraction[:, None] * step

@@ -117,7 +117,12 @@ class ResultFile:
         with self._writing():
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = netCDF4.Dataset(self._part, "w", format="NETCDF4")
-            self._define()
+        try:
+            with self._writing():
+                self._define()
+        except BaseException:
+            self.discard()
+            raise
 
     def _define(self) -> None:
         layout = self.layout

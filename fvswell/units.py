@@ -39,6 +39,7 @@ class Dimension:
 DIMENSIONS: dict[str, Dimension] = {
     "length": Dimension("mm", '"0.5 mm"'),
     "time": Dimension("s", '"10 min"'),
+    "force": Dimension("N", '"2 N"'),
     "pressure": Dimension("MPa", '"0.5 MPa"'),
     "hydraulic permeability": Dimension("mm^4/(N s)", '"1e-3 mm^4/(N s)"'),
     "concentration": Dimension("mmol/mm^3", '"0.15 M"'),

@@ -35,7 +35,8 @@ def test_volume_gradient_is_the_derivative_of_the_volume(kind: str) -> None:
     expected = local_derivative(
         lambda c: polygon_volume(section, *c.reshape(2, 4, 8, -1))[None], corners.reshape(8, -1)
     )
-    np.testing.assert_allclose(polygon_volume_gradient(section, *corners).reshape(8, -1), expected[0], rtol=0, atol=1e-14)
+    gradient = polygon_volume_gradient(section, *corners).reshape(8, -1)
+    np.testing.assert_allclose(gradient, expected[0], rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize(("kind", "moved"), [("plane-strain", False), ("plane-strain", True), ("axisymmetric", False)])

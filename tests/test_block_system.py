@@ -174,12 +174,12 @@ def test_swelling_models_meet_at_equilibrium_and_forces_are_found() -> None:
             [2e6, 2e6], [np.geomspace(10.0, 2e6, 12)] * 2,
             bath=[(1e-4, 0.0)] * 2, top__force=[(0.2, 0.0), (NAN, 0.0)], top__displacement=[(NAN, 0.0), (-0.1, 20.0)],
         )  # fmt: skip
-        forces: list[tuple[float, float, float]] = []
-        names = ("top.force", "top.pressure", "top.displacement")
-        Marcher(
-            system, loads, StepControl(BACKWARD_EULER), state,
-            [lambda s, step, out=forces: out.append(tuple(float(s.loads[n][0]) for n in names))],  # type: ignore[misc]
-        ).run()  # fmt: skip
+        forces: list[list[float]] = []
+
+        def record(state: State, step: Step, out: list[list[float]] = forces) -> None:
+            out.append([float(state.loads[f"top.{name}"][0]) for name in ("force", "pressure", "displacement")])
+
+        Marcher(system, loads, StepControl(BACKWARD_EULER), state, [record]).run()
         assert forces[11][0] == pytest.approx(0.2, rel=1e-12)
         assert forces[-1][2] == pytest.approx(-0.1, rel=1e-12)
         width = np.ptp(system.block.positions(state.unknowns[0, 0])[0, grid.edge_vertices("top")])
@@ -207,7 +207,7 @@ def _sudden_load(n: int, share: float, stabilised: bool) -> tuple[Array, Solutio
 
 
 def _checkerboard(pressure: Array) -> float:
-    """Largest alternating part around a vertex away from the right edge, where a glued corner's pressure is singular."""
+    """Largest alternating part around a vertex away from the right edge, whose glued corner is a singularity."""
     part = pressure[:-1, :-1] - pressure[1:, :-1] - pressure[:-1, 1:] + pressure[1:, 1:]
     return float(np.abs(part[:, : 3 * len(part) // 4]).max() / 4.0)
 

@@ -114,7 +114,7 @@ def test_models_differ_in_colour_and_in_style(results: dict[str, xr.Dataset]) ->
 
 
 def test_results_of_one_model_differ_in_colour_and_in_style(results: dict[str, xr.Dataset]) -> None:
-    lines = line_styles({name: results["biphasic"] for name in "abcd"})
+    lines = line_styles(dict.fromkeys("abcd", results["biphasic"]))
     assert len({line.color for line in lines.values()}) == 4
     assert len({str(line.style) for line in lines.values()}) == 4
 

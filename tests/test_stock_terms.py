@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from columns import compression, moved
+from columns import compression, moved, single_phase
 from test_transport_term import STIFFENING, dense
 
 import fvswell
@@ -12,10 +12,9 @@ from fvswell.models import MODELS
 from fvswell.stock_terms import StockTermsTransport
 
 
-@pytest.mark.parametrize("changes", [{}, STIFFENING], ids=["reference", "stiffening"])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("changes", "seed"), [({}, 1), (STIFFENING, 2)], ids=["reference", "stiffening"])
 @pytest.mark.parametrize("model", MODELS)
-def test_matrix_residual_and_step_are_the_same(model: str, seed: int, changes: dict[str, object]) -> None:
+def test_matrix_residual_and_step_are_the_same(model: str, changes: dict[str, object], seed: int) -> None:
     """On a graded grid moved at random, each balance against its own largest entry."""
     term, unknowns, interval = moved(model, seed, **changes)
     stock = StockTermsTransport(term.grid, term.laws)
@@ -41,11 +40,10 @@ def test_matrix_residual_and_step_are_the_same(model: str, seed: int, changes: d
 
 @pytest.mark.parametrize("model", MODELS)
 def test_whole_run_is_the_same(model: str) -> None:
-    """A ramp of the piston, whose pressure is found, then a pressure in another bath."""
-    ramp = {"name": "ramp", "duration": 100.0, "piston_displacement": {"ramp_to": -0.03, "over": 100.0}}
-    load = {"name": "load", "duration": 100.0, "piston_pressure": 0.1, "bath_concentration": 1e-4}
-    case = compression(
-        phase=[ramp, load], geometry__cells=5, geometry__grading=4, time__steps_per_phase=1
+    """A ramp of the piston, whose pressure is found, in another bath."""
+    ramp = {"piston_displacement": {"ramp_to": -0.03, "over": 100.0}, "bath_concentration": 1e-4}
+    case = single_phase(
+        compression(geometry__cells=4, geometry__grading=4, time__steps_per_phase=1), 100.0, **ramp
     )
     ours = fvswell.run(case, model)
     stock = fvswell.run(case.with_changes({"assembly": "stock-terms"}), model)

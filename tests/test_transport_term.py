@@ -191,31 +191,31 @@ def test_newton_converges_quadratically(model: str) -> None:
                            MODELS[model])  # fmt: skip
     start = batch.start()
     _, _, interval = moved(model, seed=1)
-    interval = interval._replace(base=start.contents, duration=np.array([[10.0]]))
+    loads = interval.loads._replace(applied_pressure=np.array([[0.25]]))
+    interval = interval._replace(base=start.contents, duration=np.array([[100.0]]), loads=loads)
     term, unknowns, iterates = batch.system.term, start.unknowns, [start.unknowns]
-    for _ in range(8):
+    for _ in range(10):
         unknowns = unknowns + term.newton_step(unknowns, interval, term.balance(unknowns, interval), False).step
         iterates.append(unknowns)
     error = np.array([np.abs(iterate - iterates[-1]).max() for iterate in iterates[:-1]])
-    useful = error[error > 1e-7]
-    order = np.diff(np.log(error[: len(useful) + 1])) [-1] / np.diff(np.log(error[: len(useful)]))[-1]
-    assert len(useful) >= 3
-    assert order > 1.8 or error[len(useful)] < 1e-13  # as good as exact in a step from above 1e-7
     assert error[-2] < 1e-13
+    before, last = error[error > 1e-12][-3:-1], error[error > 1e-12][-2:]
+    order = np.diff(np.log(last)) / np.diff(np.log(before))
+    assert order.item() > 1.75
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_rows_iterate_as_they_would_alone(model: str) -> None:
-    """Each of three columns with its own step, load and bath gives the bits it gives by itself."""
+    """Three columns with their own steps, loads and baths: as many iterations and, to rounding, what each gives alone."""
     cases = [compression(geometry__cells=10, tissue__youngs_modulus=E) for E in (0.1, 0.3, 0.5)]
     batch = ColumnBatch.of(cases, MODELS[model])
     start = batch.start()
     _, _, one = moved(model, seed=1)
     prescribed = {
-        "pressure": np.array([0.05, 0.1, np.nan]), "bath": np.array([1.5e-4, 1e-4, 2e-4]),
+        "pressure": np.array([1e-6, 0.1, np.nan]), "bath": np.array([1.5e-4, 1e-4, 2e-4]),
         "height": np.array([np.nan, np.nan, 0.51]),
     }  # fmt: skip
-    stage = stage_of(one)._replace(base=start.contents, duration=np.array([0.1, 3.0, 200.0]), prescribed=prescribed)
+    stage = stage_of(one)._replace(base=start.contents, duration=np.array([1e-3, 30.0, 200.0]), prescribed=prescribed)
     together = batch.system.solve(start.unknowns, start.loads, stage)
     assert together.converged.all()
     assert len(set(together.iterations)) > 1
@@ -228,5 +228,5 @@ def test_rows_iterate_as_they_would_alone(model: str) -> None:
         )  # fmt: skip
         alone = system.solve(start.unknowns[:, index], {k: v[index] for k, v in start.loads.items()}, own)
         assert alone.iterations[0] == together.iterations[row]
-        np.testing.assert_array_equal(alone.unknowns[:, 0], together.unknowns[:, row])
-        np.testing.assert_array_equal(alone.loads["pressure"][0], together.loads["pressure"][row])
+        np.testing.assert_allclose(alone.unknowns[:, 0], together.unknowns[:, row], rtol=1e-12, atol=1e-13)
+        assert alone.loads["pressure"][0] == pytest.approx(together.loads["pressure"][row], rel=1e-11)

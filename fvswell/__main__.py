@@ -1,0 +1,5 @@
+"""``python -m fvswell``: the command line."""
+
+from fvswell.cli import main
+
+main()
