@@ -149,9 +149,7 @@ class Block:
     def edge_areas(self, positions: Array) -> Array:
         """Current areas of the edges projected on their reference direction, in the order of EDGES."""
         vectors = edge_area_vectors(self.grid.section, positions[:, self.grid.face_vertices])
-        return np.array(
-            [_OUTWARD[edge] * vectors[EDGE_AXIS[edge], self.grid.edges[edge]].sum() for edge in EDGES]
-        )
+        return np.array([_OUTWARD[edge] * vectors[EDGE_AXIS[edge], self.grid.edges[edge]].sum() for edge in EDGES])
 
     def tied_edge_forces(self, state: BlockState) -> dict[str, float]:
         """Forces that press on the tied edges, positive in compression."""

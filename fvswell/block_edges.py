@@ -15,9 +15,7 @@ from fvswell.tissue import Array
 __all__ = ["EDGES", "EDGE_AXIS", "EdgeCondition", "Freedoms", "check_edges", "drive_names", "freedoms"]
 
 EDGE_AXIS = {"left": 0, "right": 0, "bottom": 1, "top": 1}  # direction of the normal
-_NEIGHBOURS = {
-    edge: tuple(other for other in EDGES if EDGE_AXIS[other] != EDGE_AXIS[edge]) for edge in EDGES
-}
+_NEIGHBOURS = {edge: tuple(other for other in EDGES if EDGE_AXIS[other] != EDGE_AXIS[edge]) for edge in EDGES}
 
 
 @dataclass(frozen=True)

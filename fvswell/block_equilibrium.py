@@ -127,5 +127,3 @@ def _balance_forces(block: Block, unknowns: Array, bath_concentration: float) ->
         return change
 
     return newton(start, evaluate, step, lambda change: float(np.abs(change).max()) / block.length_scale)
-
-

@@ -86,9 +86,7 @@ def solve_sparse(matrix: Any, right_side: Array) -> Array:
     with warnings.catch_warnings():
         warnings.simplefilter("error", MatrixRankWarning)
         try:
-            factors = splu(
-                matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01, options={"SymmetricMode": True}
-            )
+            factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01, options={"SymmetricMode": True})
         except (RuntimeError, MatrixRankWarning):  # exactly singular
             return np.full_like(right_side, np.nan)
     return factors.solve(right_side)

@@ -180,8 +180,13 @@ class BlockTransportTerm(_UnaryTerm):
         return (self.diamonds.mean @ potentials[1, 0] + self.diamonds.across_outside @ bath[1])[None]
 
     def _buildMatrix(  # FiPy's name
-        self, var: Any, SparseMatrix: Any, boundaryConditions: Any = (), dt: Any = None,
-        transientGeomCoeff: Any = None, diffusionGeomCoeff: Any = None,
+        self,
+        var: Any,
+        SparseMatrix: Any,
+        boundaryConditions: Any = (),
+        dt: Any = None,
+        transientGeomCoeff: Any = None,
+        diffusionGeomCoeff: Any = None,
     ) -> tuple[Any, Any, Array]:
         """FiPy's hook: the matrix of a Newton step, and the right side that makes its solution the new state."""
         if self.interval is None or self.positions is None:

@@ -68,7 +68,9 @@ def _load_problems(case: BlockCase, edge: str) -> Iterator[Finding]:
             continue
         for name, edges in _DRIVABLE.items():
             if getattr(load, name) is not None and kind not in edges:
-                yield Finding(("phase", index, edge, name), f"the edge is {kind}: it can be given for {' or '.join(edges)}")
+                yield Finding(
+                    ("phase", index, edge, name), f"the edge is {kind}: it can be given for {' or '.join(edges)}"
+                )
         given = load.displacement
         if isinstance(given, float) and (left is None or not math.isclose(given, left)):
             yield Finding(

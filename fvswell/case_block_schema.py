@@ -9,7 +9,16 @@ from pydantic import Field
 from fvswell.case_schema import Phase, Table
 from fvswell.case_values import Choice, Counts, Flag, Load, Names, Point, Quantity, Ramp
 
-__all__ = ["EDGES", "AxisymmetricGeometry", "BlockGeometry", "BlockPhase", "Edge", "EdgeLoad", "Edges", "PlaneStrainGeometry"]
+__all__ = [
+    "EDGES",
+    "AxisymmetricGeometry",
+    "BlockGeometry",
+    "BlockPhase",
+    "Edge",
+    "EdgeLoad",
+    "Edges",
+    "PlaneStrainGeometry",
+]
 
 EDGES = ("left", "right", "bottom", "top")
 

@@ -59,9 +59,7 @@ def tables_below(table: type[Table], heading: str = "") -> Iterator[tuple[str, t
         names = {inner: f' with {tag} = "{name}"' for name, (tag, inner) in variant_names(tables).items()}
         for inner in tables:
             told_apart = names[inner] if len(tables) > 1 else ""
-            yield from tables_below(
-                inner, (f"[[{key}]]" if is_array(table, key) else f"[{key}]") + told_apart
-            )
+            yield from tables_below(inner, (f"[[{key}]]" if is_array(table, key) else f"[{key}]") + told_apart)
 
 
 def value_type(field: FieldInfo) -> ValueType | None:
@@ -111,9 +109,7 @@ def _problem(root: type[Table], content: Mapping[str, Any], finding: Finding) ->
     return Problem(place.key, "" if place.given is _NOTHING else shown(place.given), finding.message)
 
 
-def _presence_findings(
-    table: type[Table], content: Mapping[str, Any], location: Location
-) -> Iterator[Finding]:
+def _presence_findings(table: type[Table], content: Mapping[str, Any], location: Location) -> Iterator[Finding]:
     """What the tables say about keys that exclude or need each other."""
     for key, message in table.presence_problems(content):
         yield Finding((*location, key), message)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from pydantic.fields import FieldInfo
 
+from fvswell.case import BlockCase
 from fvswell.case_reading import allowed_values, tables_below, value_type
 from fvswell.case_schema import CaseTable, Table
 from fvswell.case_values import Load, Quantity
@@ -37,13 +38,11 @@ they go there linearly within the time `over`, which must not be longer than the
 def case_reference() -> str:
     """Markdown page with every key of a case: unit, default, allowed values and meaning."""
     parts = [_INTRODUCTION, _units()]
-    blocks = [tables for tables in tables_below(BlockCase) if tables[1] not in {table for _, table in tables_below(CaseTable)}]
-    for heading, table in [*tables_below(CaseTable), *blocks[1:]]:
-        title = (
-            f"`{heading.split(' ')[0]}`{heading.removeprefix(heading.split(' ')[0])}"
-            if heading
-            else "At the top"
-        )
+    columns = list(tables_below(CaseTable))
+    known = {table for _, table in columns}
+    blocks = [(heading, table) for heading, table in tables_below(BlockCase) if heading and table not in known]
+    for heading, table in [*columns, *blocks]:
+        title = f"`{heading.split(' ')[0]}`{heading.removeprefix(heading.split(' ')[0])}" if heading else "At the top"
         parts.append(f"## {title}\n\n{table.__doc__}\n\n{_rows(table)}")
     return "\n".join(parts)
 
@@ -75,7 +74,9 @@ def _default(field: FieldInfo) -> str:
         return "required"
     if field.default is None:
         return ""
-    return f'`"{field.default}"`' if isinstance(field.default, str) else f"{field.default:g}"
+    if isinstance(field.default, str):
+        return f'`"{field.default}"`'
+    return f"{field.default:g}" if isinstance(field.default, float) else f"`{str(field.default).lower()}`"
 
 
 def _allowed(field: FieldInfo) -> str:

@@ -18,11 +18,11 @@ from fvswell.case_values import (
     Coordinates,
     Count,
     DepthProfile,
-    PlaneProfile,
-    Profile,
     Duration,
     Load,
     Name,
+    PlaneProfile,
+    Profile,
     Quantity,
     Ramp,
     RelaxationTimes,
@@ -127,9 +127,9 @@ class TissueProperties(Table):
     stiffening_coefficient: Annotated[_Varying | None, Quantity(above=0.0, varying=True)] = Field(
         default=None, description="beta of the Holmes-Mow law, which needs it; other laws do not take it."
     )
-    hydraulic_permeability: Annotated[
-        _Varying, Quantity("hydraulic permeability", above=0.0, varying=True)
-    ] = Field(description="Permeability at J = 1, k0.")
+    hydraulic_permeability: Annotated[_Varying, Quantity("hydraulic permeability", above=0.0, varying=True)] = Field(
+        description="Permeability at J = 1, k0."
+    )
     permeability_exponent: Annotated[_Varying, Quantity(varying=True)] = Field(
         default=0.0, description="M in k = k0 exp(M (J - 1))."
     )
@@ -142,18 +142,14 @@ class TissueProperties(Table):
     osmotic_coefficient: Annotated[_Varying | None, Quantity(above=0.0, varying=True)] = Field(
         default=None, description="Osmotic coefficient inside the tissue, phi_int. Either this or the next."
     )
-    osmotic_coefficient_per_charge: Annotated[
-        _Varying | None, Quantity("volume per charge", varying=True)
-    ] = Field(
+    osmotic_coefficient_per_charge: Annotated[_Varying | None, Quantity("volume per charge", varying=True)] = Field(
         default=None,
         description="X in phi_int = phi_ext - X c_F0, Wilson et al. (2005), eq 14; phi_int must be above 0.",
     )
     activity_ratio: Annotated[_Varying, Quantity(above=0.0, varying=True)] = Field(
         default=1.0, description="Square of the ratio of the activity coefficients outside and inside."
     )
-    cation_diffusivity: Annotated[_Varying, _DIFFUSIVITY] = Field(
-        description="Diffusivity of the cation, D+."
-    )
+    cation_diffusivity: Annotated[_Varying, _DIFFUSIVITY] = Field(description="Diffusivity of the cation, D+.")
     anion_diffusivity: Annotated[_Varying, _DIFFUSIVITY] = Field(description="Diffusivity of the anion, D-.")
     hindrance_factor: Annotated[_Varying, Quantity(at_least=0.0, at_most=1.0, varying=True)] = Field(
         default=0.0, description="r: the water drags the ions along with 1 - r of its velocity."
@@ -184,9 +180,7 @@ class TissueProperties(Table):
         else:
             osmotic_coefficient = values(self.osmotic_coefficient)
         computed = {"osmotic_coefficient": osmotic_coefficient, "temperature": values(bath.temperature)}
-        names = (
-            field.name for field in fields(Tissue) if field.name != "solid" and field.name not in computed
-        )
+        names = (field.name for field in fields(Tissue) if field.name != "solid" and field.name not in computed)
         return Tissue(solid=self.solid, **{name: values(getattr(self, name)) for name in names}, **computed)
 
 
@@ -235,16 +229,22 @@ class TimeStepping(Table):
         description="The relaxation time is over when the global strain has gone this fraction of its way.",
     )
 
+    @property
+    def fixed_steps(self) -> int | None:
+        """Number of equal steps in a phase; None where the error chooses the steps."""
+        return None
+
 
 class BackwardEuler(TimeStepping):
     """Equal steps, first order."""
 
-    scheme: Literal["backward-euler"] = Field(
-        default="backward-euler", description="First order, equal steps."
-    )
-    steps_per_phase: Annotated[int, Count(1)] = Field(
-        default=50, description="Number of equal steps in a phase."
-    )
+    scheme: Literal["backward-euler"] = Field(default="backward-euler", description="First order, equal steps.")
+    steps_per_phase: Annotated[int, Count(1)] = Field(default=50, description="Number of equal steps in a phase.")
+
+    @property
+    def fixed_steps(self) -> int:
+        """Number of equal steps in a phase."""
+        return self.steps_per_phase
 
 
 class ErrorControlledSdirk2(TimeStepping):

@@ -24,8 +24,8 @@ __all__ = [
     "Counts",
     "DepthProfile",
     "Duration",
-    "Load",
     "Flag",
+    "Load",
     "Name",
     "Names",
     "PlaneProfile",
@@ -288,9 +288,7 @@ class Quantity(ValueType):
             "below": self.below,
             "at most": self.at_most,
         }
-        return (
-            " and ".join(f"{name} {limit:g}" for name, limit in limits.items() if limit is not None) or "any"
-        )
+        return " and ".join(f"{name} {limit:g}" for name, limit in limits.items() if limit is not None) or "any"
 
     def _read(self, value: Any) -> float | Profile:
         if isinstance(value, Mapping):

@@ -192,9 +192,7 @@ def plot(
     ] = None,
     variables: Annotated[
         list[str] | None,
-        typer.Option(
-            "--variable", metavar="NAME", help="Field to draw over the depth. May be given many times."
-        ),
+        typer.Option("--variable", metavar="NAME", help="Field to draw over the depth. May be given many times."),
     ] = None,
 ) -> None:
     """Draw strain against time and profiles over the depth."""

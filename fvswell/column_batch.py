@@ -17,17 +17,14 @@ from fvswell.grid import ColumnGrid, column_grid
 from fvswell.models import MODELS, Mixture, Model
 from fvswell.newton import ColumnSystem
 from fvswell.permeability import hydraulic_permeability, open_circuit_permeability
-from fvswell.protocol import Drive, Protocol
+from fvswell.protocol import Drive, Protocol, phase_targets
 from fvswell.solid import aggregate_modulus
 from fvswell.stock_terms import StockTermsTransport
-from fvswell.time_stepping import BACKWARD_EULER, SDIRK2, State, StepControl
+from fvswell.time_stepping import BACKWARD_EULER, FIRST_STEP, SDIRK2, SMALLEST_STRAIN, State, StepControl
 from fvswell.tissue import Array, Tissue
 from fvswell.transport_term import CoupledTransportTerm
 
 __all__ = ["ColumnBatch"]
-
-_SMALLEST_SCALE = 1e-8  # strain that errors are judged by where nothing is expected to happen
-_FIRST_STEP = 0.1  # of the time in which the finest cell consolidates
 
 
 @dataclass(frozen=True)
@@ -117,40 +114,21 @@ class ColumnBatch:
 
     def protocol(self, duration: Array) -> Protocol:
         """Protocol with phases of the given durations, ``(rows, phases)``, s."""
-        drives = self.drives()
-        targets = []
-        for p in range(duration.shape[1]):
-            hits = [drive.over[:, p, None] for drive in drives.values()]
-            hits.append(duration[:, p, None] * self._fractions)
-            hits.append(self.output_times(duration, p))
-            targets.append(np.sort(np.concatenate(hits, axis=1), axis=1))
-        return Protocol(duration, drives, tuple(targets))
-
-    def output_times(self, duration: Array, phase: int) -> Array:
-        """Requested output times within a phase, since it began, ``(rows, times)``; inf where it has none."""
-        times = np.array(self.cases[0].output.times or ())
-        began = duration[:, :phase].sum(axis=1)[:, None]
-        within = (times > began) & (times <= began + duration[:, phase, None])
-        return np.where(within, times - began, np.inf)
-
-    @property
-    def _fractions(self) -> Array:
-        """Ends of the given steps, as fractions of a phase; the phase's end alone where the error chooses the steps."""
-        time = self.cases[0].time
-        steps = time.steps_per_phase if time.scheme == "backward-euler" else 1
-        return np.arange(1, steps + 1) / steps
+        drives, case = self.drives(), self.cases[0]
+        targets = phase_targets(duration, drives.values(), case.time.fixed_steps, case.output.times or ())
+        return Protocol(duration, drives, targets)
 
     def control(self) -> StepControl:
         """How the steps are chosen."""
         time = self.cases[0].time
-        if time.scheme == "backward-euler":
+        if time.fixed_steps is not None:
             return StepControl(BACKWARD_EULER)
         return self.error_control(time.tolerance, time.max_step or np.inf)
 
     def error_control(self, tolerance: float, max_step: float = np.inf) -> StepControl:
         """SDIRK2 with steps chosen by the error; ``tolerance`` is relative to the largest equilibrium strain."""
         stiffness = self.cells.tissue.hydraulic_permeability * aggregate_modulus(self.cells.tissue)
-        first = _FIRST_STEP * float(self.grid.widths.min()) ** 2 / float(stiffness.max())
+        first = FIRST_STEP * float(self.grid.widths.min()) ** 2 / float(stiffness.max())
         return StepControl(SDIRK2, tolerance * self.largest_strain(), max_step, first)
 
     def consolidation_time(self) -> Array:
@@ -175,7 +153,7 @@ class ColumnBatch:
     def largest_strain(self) -> Array:
         """Largest equilibrium strain of the protocol, ``(rows,)``."""
         strain = self.equilibrium_heights() / self.initial_height[:, None] - 1.0
-        return np.maximum(np.abs(strain).max(axis=1), _SMALLEST_SCALE)
+        return np.maximum(np.abs(strain).max(axis=1), SMALLEST_STRAIN)
 
 
 def _stacked(tissues: Sequence[Tissue]) -> Tissue:

@@ -11,6 +11,7 @@ from fvswell.electrochemistry import (
     fixed_charge_density,
     fluid_fraction,
     ion_concentrations,
+    osmotic_pressure,
 )
 from fvswell.fluxes import IonFluxParts, ion_flux_parts
 from fvswell.grid import ColumnGrid
@@ -66,7 +67,7 @@ def column_fields(grid: ColumnGrid, laws: Column, state: State, initial_height: 
 def _charged_fields(mixture: Mixture, state: PointState, log_concentration: Array, potential: Array) -> Record:
     tissue, (J, cation, anion) = mixture.tissue, state
     return {
-        "osmotic_pressure": mixture.osmotic_pressure(state)[0],
+        "osmotic_pressure": osmotic_pressure(tissue, cation, anion)[0],
         "fixed_charge_density": fixed_charge_density(tissue, J)[0],
         "cation_concentration": cation[0],
         "anion_concentration": anion[0],

@@ -189,9 +189,7 @@ def phase_histories(
     """Common times in a phase and the history of a quantity there in each result."""
     times = {name: result["time"].values for name, result in results.items()}
     at = common_times(list(times.values()), start, end)
-    return at, {
-        name: history_at(times[name], result[quantity].values, start, at) for name, result in results.items()
-    }
+    return at, {name: history_at(times[name], result[quantity].values, start, at) for name, result in results.items()}
 
 
 def _local_difference(result: xr.Dataset, base: xr.Dataset, time: float) -> dict[str, float]:

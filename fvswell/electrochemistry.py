@@ -57,9 +57,7 @@ def ion_concentrations(tissue: Tissue, J: Array, log_concentration: Array) -> tu
     return cation, square / cation
 
 
-def ion_concentration_derivatives(
-    tissue: Tissue, J: Array, cation: Array, anion: Array
-) -> tuple[Array, Array, Array]:
+def ion_concentration_derivatives(tissue: Tissue, J: Array, cation: Array, anion: Array) -> tuple[Array, Array, Array]:
     """Derivatives of the concentrations: c+ by J, c- by J, and of either by ln c~ (which is the same).
 
     From c+ - c- = c_F and c+ c- = g c~^2; arguments as `ion_concentrations` takes and gives them.

@@ -30,6 +30,7 @@ class Field:
         }  # fmt: skip
 
 
+_EDGES = ("left", "right", "bottom", "top")
 _CONCENTRATION, _ION_FLUX, _STRESS = "mmol mm-3", "mmol mm-2 s-1", "N mm-2"
 
 
@@ -44,9 +45,7 @@ def _ion_fluxes(ion: str) -> dict[str, Field]:
 
 FIELDS: dict[str, Field] = {
     "global_strain": Field("1", "height over height of the equilibrated sample, less one", "global"),
-    "global_strain_from_stress_free": Field(
-        "1", "height over height of the stress-free solid, less one", "global"
-    ),
+    "global_strain_from_stress_free": Field("1", "height over height of the stress-free solid, less one", "global"),
     "height": Field("mm", "height of the column", "global"),
     "applied_pressure": Field(_STRESS, "pressure of the piston, compression positive", "global"),
     "bath_concentration": Field(_CONCENTRATION, "salt concentration of the bath", "global"),
@@ -62,9 +61,7 @@ FIELDS: dict[str, Field] = {
     "virtual_concentration": Field(
         _CONCENTRATION, "concentration of the solution that would be in equilibrium with the tissue", "cell"
     ),
-    "electric_potential": Field(
-        "mV", "electric potential in the tissue relative to the grounded bath", "cell"
-    ),
+    "electric_potential": Field("mV", "electric potential in the tissue relative to the grounded bath", "cell"),
     "displacement": Field("mm", "displacement from the stress-free position, positive along +x", "node"),
     "water_flux": Field("mm s-1", "volume flux of water relative to the solid, positive along +x", "node"),
     **_ion_fluxes("cation"),
@@ -80,6 +77,45 @@ FIELDS: dict[str, Field] = {
         )
         for balance in ("volume", "anion", "cation", "charge")
     },
+    # blocks
+    **{
+        f"probe_displacement_{axis}": Field("mm", f"displacement of the probe from rest along {axis}", "global")
+        for axis in ("x", "y")
+    },
+    **{
+        f"{edge}_pressure": Field(_STRESS, f"pressure on the {edge} edge, compression positive", "global")
+        for edge in _EDGES
+    },
+    **{
+        f"{edge}_force": Field(
+            "N", f"force on the {edge} edge (of a disc, or 1 mm thick), compression positive", "global"
+        )
+        for edge in _EDGES
+    },
+    **{
+        f"{edge}_displacement": Field("mm", f"displacement of the {edge} edge from the stress-free solid", "global")
+        for edge in _EDGES
+    },
+    **{
+        f"displacement_{axis}": Field("mm", f"displacement from the stress-free position along {axis}", "node")
+        for axis in ("x", "y")
+    },
+    **{
+        f"effective_stress_{component}": Field(
+            _STRESS, f"Cauchy stress of the solid, {component}, tension positive", "cell"
+        )
+        for component in ("xx", "yy", "zz", "xy")
+    },
+    **{
+        f"{flux}_{axis}": Field(units, f"{flux.replace('_', ' ')} relative to the solid along {axis}", "cell")
+        for flux, units in (
+            ("water_flux", "mm s-1"),
+            ("cation_flux", _ION_FLUX),
+            ("anion_flux", _ION_FLUX),
+            ("current_density", "A mm-2"),
+        )
+        for axis in ("x", "y")
+    },
     "phase_end": Field("s", "time at which the phase ends", "phase", "phase: point"),
     "equilibrium_strain": Field(
         "1", "global strain at rest under the loads that the phase ends with", "phase", "phase: point"
@@ -87,7 +123,5 @@ FIELDS: dict[str, Field] = {
     "step_time": Field("s", "end of the step", "step", "step: point"),
     "step_size": Field("s", "length of the step", "step", "step: point"),
     "step_iterations": Field("1", "Newton iterations in all stages of the step", "step", "step: sum"),
-    "step_residual": Field(
-        "1", "largest residual left, relative to a cell's content", "step", "step: maximum"
-    ),
+    "step_residual": Field("1", "largest residual left, relative to a cell's content", "step", "step: maximum"),
 }

@@ -49,9 +49,7 @@ class Model:
 
 BIPHASIC = Model("biphasic", balances=("volume",), swelling=False, open_circuit=False)
 BIPHASIC_SWELLING = Model("biphasic-swelling", balances=("volume",), swelling=True, open_circuit=True)
-ELECTROCHEMICAL = Model(
-    "electrochemical", balances=("volume", "anion", "charge"), swelling=True, open_circuit=False
-)
+ELECTROCHEMICAL = Model("electrochemical", balances=("volume", "anion", "charge"), swelling=True, open_circuit=False)
 MODELS = {model.name: model for model in (BIPHASIC, BIPHASIC_SWELLING, ELECTROCHEMICAL)}
 
 
@@ -90,9 +88,7 @@ class Mixture:
         """(mu_f, ln c~, psi~) of the grounded bath: the values at a filter."""
         if not self.model.swelling:
             return np.zeros((1, *np.shape(bath_concentration)))
-        water = -bath_osmotic_pressure(
-            self.bath_osmotic_coefficient, self.tissue.thermal_energy, bath_concentration
-        )
+        water = -bath_osmotic_pressure(self.bath_osmotic_coefficient, self.tissue.thermal_energy, bath_concentration)
         if not self.model.transports_ions:
             return water[None]
         return np.stack(np.broadcast_arrays(water, np.log(bath_concentration), 0.0 * water))

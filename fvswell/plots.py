@@ -113,9 +113,7 @@ def in_print_style(draw: Callable[_Parameters, Figure]) -> Callable[_Parameters,
 
 
 @in_print_style
-def result_figure(
-    results: Mapping[str, xr.Dataset], times: Sequence[float], variables: Sequence[str]
-) -> Figure:
+def result_figure(results: Mapping[str, xr.Dataset], times: Sequence[float], variables: Sequence[str]) -> Figure:
     """Global strain against time, and a row of profiles for each variable with a panel for each time.
 
     Parameters
@@ -176,9 +174,7 @@ def comparison_figure(comparison: Comparison) -> Figure:
     for column, phase in enumerate(phases):
         axes = figure.add_subplot(grid[1, 2 * column : 2 * column + 2], sharey=shared)
         shared = shared or axes
-        nearest = max(
-            comparison.of_phase(phase), key=lambda each: np.nan_to_num(each.r_squared, nan=-np.inf)
-        )
+        nearest = max(comparison.of_phase(phase), key=lambda each: np.nan_to_num(each.r_squared, nan=-np.inf))
         for label, result in results.items():
             profile = profile_at(result["time"].values, local_strain(result), nearest.time)
             _draw_over_depth(axes, result, "x", profile, lines[label])
@@ -345,6 +341,4 @@ def _draw_over_depth(axes: Axes, result: xr.Dataset, position: str, values: Arra
 
 def _plot(axes: Axes, x: Array, y: Array, line: _Line, label: str | None = None) -> None:
     # broken lines over full ones, so that both are seen where they agree
-    axes.plot(
-        x, y, color=line.color, linestyle=line.style, label=label, zorder=2.0 if line.style == "-" else 3.0
-    )
+    axes.plot(x, y, color=line.color, linestyle=line.style, label=label, zorder=2.0 if line.style == "-" else 3.0)

@@ -5,6 +5,7 @@ Arrays have one row for each body and one entry for each phase, so that every bo
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from fvswell.system import LoadValues
 from fvswell.tissue import Array
 
-__all__ = ["Drive", "Protocol"]
+__all__ = ["Drive", "Protocol", "output_times", "phase_targets"]
 
 
 @dataclass(frozen=True)
@@ -71,3 +72,44 @@ class Protocol:
             ahead = np.where(targets > time[own, None], targets, np.inf).min(axis=1)
             result[own] = np.minimum(result[own], ahead)
         return result
+
+
+def phase_targets(
+    duration: Array, drives: Iterable[Drive], fixed_steps: int | None, times: Sequence[float]
+) -> tuple[Array, ...]:
+    """Times since each phase began that a step must end at, (rows, k) for each phase, increasing.
+
+    Parameters
+    ----------
+    duration
+        Of the phases, (rows, phases), s.
+    drives
+        Their ramps end where a step ends.
+    fixed_steps
+        Number of equal steps in a phase; None where the error chooses them.
+    times
+        Output times since the run began, s.
+    """
+    fractions = np.arange(1, (fixed_steps or 1) + 1) / (fixed_steps or 1)
+    ramps = [drive.over for drive in drives]
+    return tuple(
+        np.sort(
+            np.concatenate(
+                [
+                    duration[:, p, None] * fractions,
+                    *(over[:, p, None] for over in ramps),
+                    output_times(times, duration, p),
+                ],
+                axis=1,
+            ),
+            axis=1,
+        )
+        for p in range(duration.shape[1])
+    )
+
+
+def output_times(times: Sequence[float], duration: Array, phase: int) -> Array:
+    """Times since the run began that lie within a phase, told since it began, (rows, times); inf for the others."""
+    began = duration[:, :phase].sum(axis=1)[:, None]
+    since = np.array(times, dtype=float) - began
+    return np.where((since > 0.0) & (since <= duration[:, phase, None]), since, np.inf)

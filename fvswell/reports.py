@@ -179,8 +179,7 @@ def _table(table: BaseModel, without: str = "") -> str:
     """All keys of a table that are given, on a line."""
     keys = [key for key in type(table).model_fields if key != without and getattr(table, key) is not None]
     return ", ".join(
-        _value(table, key) if key in ("kind", "scheme") else f"{_words(key)} {_value(table, key)}"
-        for key in keys
+        _value(table, key) if key in ("kind", "scheme") else f"{_words(key)} {_value(table, key)}" for key in keys
     )
 
 

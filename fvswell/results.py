@@ -7,11 +7,8 @@ file alone.
 
 from __future__ import annotations
 
-import datetime
-import platform
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +16,10 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
-import fvswell
 from fvswell.case import Case
 from fvswell.errors import OutputError
 from fvswell.fields import FIELDS
+from fvswell.provenance import provenance
 from fvswell.tissue import Array
 
 __all__ = [
@@ -36,11 +33,6 @@ __all__ = [
 ]
 
 COMPLETE = "complete"
-REFERENCE = (
-    "Wilson W, van Donkelaar CC, Huyghe JM (2005) A comparison between mechano-electrochemical and biphasic "
-    "swelling theories for soft hydrated tissues. J Biomech Eng 127, 158-165, doi:10.1115/1.1835361"
-)
-
 Record = Mapping[str, Array]
 
 
@@ -59,6 +51,10 @@ class Layout:
         The case, resolved.
     comment
         What else a reader should know.
+    conventions
+        That the file follows.
+    mesh
+        Name of the variable that describes the grid, where the UGRID conventions need one.
     """
 
     def __init__(
@@ -69,25 +65,14 @@ class Layout:
         case: Case,
         comment: str,
         conventions: str = "CF-1.11",
+        mesh: str = "",
     ) -> None:
         self.dimensions, self.coordinates = dimensions, coordinates
-        self.location_dimensions = location_dimensions
-        now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-        versions = {name: metadata.version(name) for name in ("fipy", "numpy", "scipy", "xarray", "netCDF4")}
-        self.attributes = {
-            "Conventions": conventions,
-            "title": case.title,
-            "institution": "fvswell",
-            "source": f"fvswell {fvswell.__version__}, {case.model} model",
-            "history": f"{now} computed by fvswell {fvswell.__version__}",
-            "references": REFERENCE,
-            "comment": comment,
+        self.location_dimensions, self.mesh = location_dimensions, mesh
+        self.attributes = provenance(case.title, f"{case.model} model", comment, conventions) | {
             "model": case.model,
             "case_toml": case.to_toml(),
             "case_sha256": case.sha256,
-            "package_versions": ", ".join(
-                [f"python {platform.python_version()}", *(f"{k} {v}" for k, v in versions.items())]
-            ),
         }
 
     def field_dimensions(self, name: str) -> tuple[str, ...]:
@@ -96,6 +81,16 @@ class Layout:
         if location == "step":
             return ("step",)
         return ("time",) if location == "global" else ("time", self.location_dimensions[location])
+
+    def field_attributes(self, name: str) -> dict[str, str]:
+        """Attributes of a field."""
+        attributes = FIELDS[name].attributes
+        dimension = self.location_dimensions.get(FIELDS[name].location)
+        if dimension is not None:
+            attributes["location"] = dimension
+            if self.mesh:
+                attributes |= {"mesh": self.mesh}
+        return attributes
 
 
 _TIME_ATTRIBUTES = {"units": "s", "long_name": "time since the load first changed", "axis": "T"}
@@ -176,7 +171,7 @@ class ResultFile:
     def _variable(self, name: str) -> Any:
         if name not in self._file.variables:
             variable = self._file.createVariable(name, "f8", self.layout.field_dimensions(name))
-            variable.setncatts(FIELDS[name].attributes)
+            variable.setncatts(self.layout.field_attributes(name))
         return self._file[name]
 
 
@@ -194,9 +189,9 @@ def in_memory(
     dataset["time"] = ("time", np.array(times), _TIME_ATTRIBUTES)
     for name in records[0]:
         series = np.array([record[name] for record in records])
-        dataset[name] = (layout.field_dimensions(name), series, FIELDS[name].attributes)
+        dataset[name] = (layout.field_dimensions(name), series, layout.field_attributes(name))
     for name, steps in history.items():
-        dataset[name] = (layout.field_dimensions(name), np.array(steps), FIELDS[name].attributes)
+        dataset[name] = (layout.field_dimensions(name), np.array(steps), layout.field_attributes(name))
     return dataset.set_coords([name for name in layout.coordinates if name in dataset])
 
 

@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 import xarray as xr
 
-from fvswell.case import Case
-from fvswell.column_batch import ColumnBatch
-from fvswell.column_fields import column_fields
+from fvswell.case import BlockCase, Case
+from fvswell.column_run import ColumnRun
+from fvswell.conservation import ConservationBooks
 from fvswell.errors import SolverError
-from fvswell.fields import FIELDS
-from fvswell.relaxation import phase_durations
+from fvswell.protocol import Protocol as Phases
+from fvswell.protocol import output_times
 from fvswell.results import COMPLETE, Layout, ResultFile, in_memory, refuse_existing
-from fvswell.time_stepping import Marcher, State, Step
+from fvswell.system import System
+from fvswell.time_stepping import Marcher, State, Step, StepControl
 from fvswell.tissue import Array
 
 __all__ = ["Progress", "run"]
@@ -80,15 +82,13 @@ def run(
         case = case.with_changes({"model": model})
     if path is not None:
         refuse_existing([path], replace)
-    batch = ColumnBatch.of([case])
-    duration = _found_durations(case) if durations is None else np.array([durations], dtype=float)
-    layout = _layout(batch, case, duration)
+    body = _body(case)
+    duration = body.durations() if durations is None else np.array([durations], dtype=float)
+    layout = body.layout(duration)
     file = ResultFile(path, layout, replace) if path is not None else None
     try:
-        recorder = _Recorder(batch, duration, file, report)
-        marcher = Marcher(
-            batch.system, batch.protocol(duration), batch.control(), recorder.state, [recorder]
-        )
+        recorder = _Recorder(body, duration, file, report)
+        marcher = Marcher(body.system, body.protocol(duration), body.control(), recorder.state, [recorder])
         marcher.run()
         status = recorder.status(marcher)
         recorder.finish()
@@ -104,43 +104,51 @@ def run(
     return result
 
 
-def _found_durations(case: Case) -> Array:
-    duration = phase_durations([case])
-    for phase, seconds in zip(case.phase, duration[0], strict=True):
-        if not np.isfinite(seconds):
-            raise SolverError(
-                f"{case.source}: the biphasic-swelling model does not relax in phase {phase.name}; "
-                "give its duration in s"
-            )
-    return duration
+class Body(Protocol):
+    """What a run needs of a column or a block."""
+
+    @property
+    def case(self) -> Case:
+        """What is simulated."""
+
+    @property
+    def system(self) -> System:
+        """What is marched."""
+
+    def durations(self) -> Array:
+        """Durations of the phases, (1, phases), s."""
+
+    def start(self) -> State:
+        """State of the equilibrated sample."""
+
+    def books(self, state: State) -> ConservationBooks:
+        """Books on the balances, from a state on."""
+
+    def protocol(self, duration: Array) -> Phases:
+        """Protocol with phases of the given durations."""
+
+    def control(self) -> StepControl:
+        """How the steps are chosen."""
+
+    def strain(self, state: State) -> float:
+        """Global strain."""
+
+    def fields(self, state: State) -> Record:
+        """Fields to record."""
+
+    def place(self, point: int) -> str:
+        """Where a point of the residual lies."""
+
+    def layout(self, duration: Array) -> Layout:
+        """Layout of the result."""
 
 
-def _layout(batch: ColumnBatch, case: Case, duration: Array) -> Layout:
-    grid = batch.grid
-    bounds = np.stack([grid.nodes[:-1], grid.nodes[1:]], axis=1)
-    phases = {
-        "phase_end": np.cumsum(duration[0]),
-        "equilibrium_strain": batch.equilibrium_heights()[0] / batch.initial_height[0] - 1.0,
-    }
-    return Layout(
-        dimensions={"cell": len(grid.widths), "node": len(grid.nodes), "bound": 2, "phase": len(case.phase)},
-        coordinates={
-            "x": (
-                ("cell",), grid.centres,
-                {"units": "mm", "long_name": "distance from the filter in the stress-free solid", "axis": "X",
-                 "bounds": "x_bounds"},
-            ),
-            "x_bounds": (("cell", "bound"), bounds, {}),
-            "x_node": (
-                ("node",), grid.nodes,
-                {"units": "mm", "long_name": "distance of nodes from the filter in the stress-free solid"},
-            ),
-            **{name: (("phase",), values, FIELDS[name].attributes) for name, values in phases.items()},
-        },
-        location_dimensions={"cell": "cell", "node": "node"},
-        case=case,
-        comment="A column of tissue between a filter at x = 0 and a piston; x moves with the solid.",
-    )  # fmt: skip
+def _body(case: Case) -> Body:
+    if isinstance(case, BlockCase):
+        from fvswell.block_run import BlockRun
+
+        return BlockRun(case)
+    return ColumnRun(case)
 
 
 class _Recorder:
@@ -148,16 +156,17 @@ class _Recorder:
 
     def __init__(
         self,
-        batch: ColumnBatch,
+        body: Body,
         duration: Array,
         file: ResultFile | None,
         report: Callable[[Progress], None] | None,
     ) -> None:
-        self.batch, self.file, self.report = batch, file, report
-        self.state = batch.start()
-        self.books = batch.books(self.state)
-        self.every = batch.cases[0].output.every
-        self.output_times = [batch.output_times(duration, p)[0] for p in range(duration.shape[1])]
+        self.body, self.file, self.report = body, file, report
+        self.state = body.start()
+        self.books = body.books(self.state)
+        output = body.case.output
+        self.every = output.every
+        self.output_times = [output_times(output.times or (), duration, p)[0] for p in range(duration.shape[1])]
         self.phase_ends = tuple(np.cumsum(duration[0]).tolist())
         self.steps = 0
         self.times: list[float] = []
@@ -185,8 +194,8 @@ class _Recorder:
         """What the result's run_status is to say."""
         if marcher.failures:
             failure = marcher.failures[0]
-            phase = self.batch.cases[0].phase[failure.phase].name
-            return f"stopped at t = {failure.elapsed:.6g} s in phase {phase}: {failure.reason}"
+            phase, place = self.body.case.phase[failure.phase].name, self.body.place(failure.point)
+            return f"stopped at t = {failure.elapsed:.6g} s in phase {phase}: {failure.reason(place)}"
         if self.books.largest[0] > _LARGEST_IMBALANCE:
             return f"stopped: a balance is off by {self.books.largest[0]:.3g} of what crossed the boundary"
         return COMPLETE
@@ -200,13 +209,12 @@ class _Recorder:
 
     def _tell(self, state: State) -> None:
         if self.report is not None:
-            strain = float(state.loads["height"][0] / self.batch.initial_height[0] - 1.0)
-            self.report(Progress(float(state.elapsed[0]), self.phase_ends, self.steps, strain))
+            self.report(Progress(float(state.elapsed[0]), self.phase_ends, self.steps, self.body.strain(state)))
 
     def _record(self, state: State) -> None:
-        batch = self.batch
-        fields = column_fields(batch.grid, batch.system.term.laws, state, float(batch.initial_height[0]))
-        record = {name: np.array(value) for name, value in fields.items()}  # the state moves on beneath them
+        record = {
+            name: np.array(value) for name, value in self.body.fields(state).items()
+        }  # the state moves on beneath them
         errors = dict(zip(self.books.balances, self.books.take_error()[:, 0], strict=True))
         record |= {f"{balance}_balance_error": np.array(error) for balance, error in errors.items()}
         self.times.append(float(state.elapsed[0]))

@@ -69,8 +69,10 @@ def _holmes_mow(tissue: Tissue, J: Array, first: Array, second: Array) -> tuple[
     G = shear_modulus(tissue)
     lame = bulk_modulus(tissue) - 2.0 / 3.0 * G
     H = lame + 2.0 * G
-    Q = tissue.stiffening_coefficient / H * (
-        (2.0 * G - lame) * (first - 3.0) + lame * (second - 3.0) - 2.0 * H * np.log(J)
+    Q = (
+        tissue.stiffening_coefficient
+        / H
+        * ((2.0 * G - lame) * (first - 3.0) + lame * (second - 3.0) - 2.0 * H * np.log(J))
     )
     scale = np.exp(Q) / (2.0 * J)
     return -H * scale, (2.0 * G + lame * (first - 1.0)) * scale, -lame * scale

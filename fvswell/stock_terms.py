@@ -54,9 +54,7 @@ class StockTermsTransport(CoupledTransportTerm):
         residual = interval.duration[0, 0] * vector.reshape(V + 1, -1)[:V]  # the last is momentum: exactly zero
         return balance._replace(residual=residual[:, None])
 
-    def newton_step(
-        self, unknowns: Array, interval: Interval, balance: Balance, with_pressure: bool
-    ) -> NewtonStep:
+    def newton_step(self, unknowns: Array, interval: Interval, balance: Balance, with_pressure: bool) -> NewtonStep:
         """As of the coupled term, from the matrix of the stock terms."""
         matrix, by_pressure = self.matrix(unknowns, interval, balance)
         sides = np.stack([balance.residual.ravel(), by_pressure], axis=1)

@@ -21,7 +21,9 @@ from fvswell.tissue import Array
 
 __all__ = ["LARGEST_BATCH", "Batch", "BatchResult", "plan", "run_batch"]
 
-LARGEST_BATCH = 200  # rows
+# Rows: a run costs half as much among 200 as among 50, and hardly less among 1000; but every core should have work.
+LARGEST_BATCH = 200
+_SMALL_BATCH, _FEWEST_BATCHES = 50, 4
 _ROW_BY_ROW = ("tissue.", "bath.", "phase.", "time.relaxation_fraction")  # what rows of a batch may differ in
 
 BatchResult = dict[str, Array]  # by name of a field of the result, the runs along the first axis
@@ -43,19 +45,20 @@ class Batch:
 def plan(study: Study) -> list[Batch]:
     """Cut the possible runs of a study into batches, the same ones whoever computes them.
 
-    Runs of a batch share protocol, grid and time stepping, and there are at most ``LARGEST_BATCH`` of them.
+    Runs of a batch share protocol, grid and time stepping, and there are at most ``LARGEST_BATCH`` of them; in a small
+    study fewer, so that there is work for several cores.
     """
-    shared = [
-        i for i, p in enumerate(study.table.parameter) if any(not key.startswith(_ROW_BY_ROW) for key in p.key)
-    ]
+    shared = [i for i, p in enumerate(study.table.parameter) if any(not key.startswith(_ROW_BY_ROW) for key in p.key)]
     groups: dict[tuple[int, str], list[int]] = defaultdict(list)
     for run in range(len(study.runs)):
         if run not in study.impossible:
             groups[int(study.runs.protocol[run]), repr(study.runs.values[run, shared])].append(run)
+    possible = len(study.runs) - len(study.impossible)
+    rows = min(LARGEST_BATCH, max(_SMALL_BATCH, math.ceil(possible / _FEWEST_BATCHES)))
     parts = [
         (protocol, part)
         for (protocol, _), runs in groups.items()
-        for part in np.array_split(runs, math.ceil(len(runs) / LARGEST_BATCH))
+        for part in np.array_split(runs, math.ceil(len(runs) / rows))
     ]
     texts = [case.to_toml() for case in study.cases]
     return [

@@ -108,8 +108,7 @@ def _define(file: netCDF4.Dataset, study: Study) -> None:
     models = f"{study.table.model} model judged by the {study.table.reference_model} model"
     samples = samples_per_phase(study.cases[0])
     file.setncatts(
-        provenance(study.table.title, models, _COMMENT)
-        | {"study_toml": study.to_toml(), "study_sha256": study.sha256}
+        provenance(study.table.title, models, _COMMENT) | {"study_toml": study.to_toml(), "study_sha256": study.sha256}
     )
     sizes = {"run": len(study.runs), "phase": len(study.phases), "model": 2, "sample": samples}
     if not study.table.strain_curves:

@@ -55,7 +55,9 @@ def model_history(cases: Sequence[Case], model: str, duration: Array) -> ModelHi
     lost = books.largest > _LARGEST_IMBALANCE
     problem[lost] = [f"a balance is off by {error:.3g} of what crossed the boundary" for error in books.largest[lost]]
     for failure in marcher.failures:
-        problem[failure.row] = f"stopped in phase {cases[0].phase[failure.phase].name}: {failure.reason}"
+        problem[failure.row] = (
+            f"stopped in phase {cases[0].phase[failure.phase].name}: {failure.reason(f'cell {failure.point}')}"
+        )
     return ModelHistory(
         strain=height / batch.initial_height[:, None, None] - 1.0,
         equilibrium_strain=batch.equilibrium_heights() / batch.initial_height[:, None] - 1.0,

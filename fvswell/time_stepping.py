@@ -22,11 +22,24 @@ from fvswell.protocol import Protocol
 from fvswell.system import LoadValues, Solution, Stage, System
 from fvswell.tissue import Array
 
-__all__ = ["BACKWARD_EULER", "SDIRK2", "Failure", "Marcher", "Scheme", "State", "Step", "StepControl"]
+__all__ = [
+    "BACKWARD_EULER",
+    "FIRST_STEP",
+    "SDIRK2",
+    "SMALLEST_STRAIN",
+    "Failure",
+    "Marcher",
+    "Scheme",
+    "State",
+    "Step",
+    "StepControl",
+]
 
 _GAMMA = 1.0 - 1.0 / np.sqrt(2.0)
 # SDIRK2 leaves (b.A.c - 1/6) dt^3 m''' for a linear problem
 _SDIRK2_ERROR = (1.0 - _GAMMA) * _GAMMA**2 + _GAMMA * (2.0 * _GAMMA - _GAMMA**2) - 1.0 / 6.0
+SMALLEST_STRAIN = 1e-8  # that tolerances are relative to where nothing is expected to happen
+FIRST_STEP = 0.1  # after a jump, of the time in which the finest cell consolidates
 _SMALLEST_STEP = 1e-9  # of the time to the next target
 
 
@@ -90,12 +103,11 @@ class Failure:
     point: int
     residual: float
 
-    @property
-    def reason(self) -> str:
-        """One line: what did not converge, when and where."""
+    def reason(self, place: str) -> str:
+        """What did not converge, at a place told in words."""
         return (
-            f"the {self.balance} balance did not converge at t = {self.elapsed:.6g} s at point {self.point} of the "
-            f"grid, even with the smallest step (residual {self.residual:.3g}, relative)"
+            f"the {self.balance} balance did not converge at {place}, even with the smallest step (residual "
+            f"{self.residual:.3g}, relative)"
         )
 
 
@@ -214,9 +226,7 @@ class Marcher:
         done = np.zeros(len(rows))
         for node, weight in zip(scheme.nodes, scheme.weights, strict=True):
             ahead = node * size
-            prescribed = self.protocol.prescribed(
-                rows, state.phase[rows], state.time[rows] + ahead, self._phase_start
-            )
+            prescribed = self.protocol.prescribed(rows, state.phase[rows], state.time[rows] + ahead, self._phase_start)
             guess = system.extrapolate(unknowns, attempt.past.change(unknowns, ahead - done))
             stage = Stage(base, scheme.diagonal * size, prescribed)
             solution = system.solve(guess, loads, stage)
@@ -232,7 +242,7 @@ class Marcher:
         return attempt
 
     def _error(self, rows: Array, size: Array, attempt: _Attempt) -> Array:
-        """Estimated error of the local strain in this step (mean magnitude over the body) over the tolerance, ``(rows,)``.
+        """Estimated error of the local strain in this step, mean magnitude over the body, over the tolerance, ``(rows,)``.
 
         m''' comes from the rates at the step's start, first stage and end. After a jump the rate at the start is not
         known; then the change of the rate within the step, which is first order, stands in. Infinite for rows that

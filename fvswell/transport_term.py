@@ -107,9 +107,7 @@ class CoupledTransportTerm(_UnaryTerm):
         by_lower[..., 0] = 0.0
         return Linearisation(storage, by_upper, by_lower, by_difference[:, 0, :, 0])
 
-    def newton_step(
-        self, unknowns: Array, interval: Interval, balance: Balance, with_pressure: bool
-    ) -> NewtonStep:
+    def newton_step(self, unknowns: Array, interval: Interval, balance: Balance, with_pressure: bool) -> NewtonStep:
         """Newton step from a state at which the balances are ``balance``."""
         return newton_step(
             self.linearise(balance), self.grid.widths, interval.duration, balance.residual, balance.fluxes[..., :-1],
@@ -132,8 +130,13 @@ class CoupledTransportTerm(_UnaryTerm):
         return self.grid.inner_half, self.grid.inner_half
 
     def _buildMatrix(
-        self, var: Any, SparseMatrix: Any, boundaryConditions: Any = (), dt: Any = None,
-        transientGeomCoeff: Any = None, diffusionGeomCoeff: Any = None,
+        self,
+        var: Any,
+        SparseMatrix: Any,
+        boundaryConditions: Any = (),
+        dt: Any = None,
+        transientGeomCoeff: Any = None,
+        diffusionGeomCoeff: Any = None,
     ) -> tuple[Any, Any, Array]:
         """FiPy's hook: the matrix of a Newton step, and the right side that makes its solution the new state."""
         if self.interval is None:

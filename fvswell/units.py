@@ -140,7 +140,5 @@ def _unit(text: str) -> Any:
         return None
     try:
         return _registry().parse_units(text)
-    except (
-        Exception
-    ):  # pint hands the text to Python's tokenizer and operators, which raise all kinds of errors
+    except Exception:  # pint hands the text to Python's tokenizer and operators, which raise all kinds of errors
         return None

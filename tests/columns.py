@@ -69,7 +69,9 @@ def march(case: Case, control: StepControl | None = None, model: str | None = No
     return marcher, steps
 
 
-def moved(model: str, seed: int, case: Case | None = None, **changes: Any) -> tuple[CoupledTransportTerm, Array, Interval]:
+def moved(
+    model: str, seed: int, case: Case | None = None, **changes: Any
+) -> tuple[CoupledTransportTerm, Array, Interval]:
     """The term of a short graded column, a random state of it and an interval that leads there."""
     case = (case or compression()).with_changes({"geometry.cells": 12} | changes)
     batch = ColumnBatch.of([case], MODELS[model])

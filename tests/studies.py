@@ -59,9 +59,7 @@ def study(**changes: Any) -> Study:
 def many_batches() -> dict[str, Any]:
     """Tables of a study of six batches of two: each height has a grid of its own."""
     return {
-        "protocol": [
-            protocol(geometry__cells=6, phase__loading__duration="200 s", phase__unloading__duration="300 s")
-        ],
+        "protocol": [protocol(geometry__cells=6, phase__loading__duration="200 s", phase__unloading__duration="300 s")],
         "parameter": [STIFFNESS, HEIGHT],
         "design": [{"name": "all", "kind": "grid", "counts": {"height": 6, "stiffness": 2}}],
         "strain_curves": True,
@@ -75,8 +73,6 @@ def assert_identical(one: xr.Dataset, other: xr.Dataset) -> None:
         np.testing.assert_array_equal(one[name].values, other[name].values, err_msg=str(name))
         assert one[name].attrs == other[name].attrs
     assert one.attrs | {"history": ""} == other.attrs | {"history": ""}
-
-
 
 
 def case_content(case: Case) -> dict[str, Any]:

@@ -89,9 +89,7 @@ def test_reference_tissue_has_the_published_equilibria(case):
 
 
 def test_defaults():
-    lines = [
-        line for line in COMPRESSION.splitlines() if not line.startswith(("cells", "grading", "hindrance"))
-    ]
+    lines = [line for line in COMPRESSION.splitlines() if not line.startswith(("cells", "grading", "hindrance"))]
     text = "\n".join(lines[: lines.index("[time]")])
     case = Case.from_toml(text)
     assert (case.geometry.cells, case.geometry.grading) == (50, 1.0)
@@ -132,9 +130,7 @@ def test_optional_lines_of_the_starter_are_valid():
         text = text.replace(f"# {line}", line)
     text = text.replace("# open_circuit", "open_circuit").replace("# stiffening", "stiffening")
     text = text.replace('solid = "neo-hookean"', 'solid = "holmes-mow"')
-    text = text.replace("steps_per_phase = 50\n", "").replace(
-        'scheme = "backward-euler"', 'scheme = "sdirk2"'
-    )
+    text = text.replace("steps_per_phase = 50\n", "").replace('scheme = "backward-euler"', 'scheme = "sdirk2"')
     case = Case.from_toml(text.replace("# tolerance", "tolerance").replace("# max_step", "max_step"))
     assert (case.tissue.stiffening_coefficient, case.time.max_step) == (0.35, 10.0)
 
@@ -200,9 +196,9 @@ def test_resolved_case_holds_plain_numbers_and_every_default(case):
         written = content.get(heading.strip("[]"), {}) if heading else content
         if heading.startswith("[[") or "sdirk2" in heading or "backward" in heading:
             continue
-        assert {
-            key for key, field in table.model_fields.items() if field.default is not None
-        } <= written.keys() | {"osmotic_coefficient"}
+        assert {key for key, field in table.model_fields.items() if field.default is not None} <= written.keys() | {
+            "osmotic_coefficient"
+        }
 
 
 @settings(deadline=None)  # timing is not what is tested, and the machine may be busy
@@ -213,9 +209,7 @@ def test_resolved_case_holds_plain_numbers_and_every_default(case):
     fixed_charge_density=st.floats(1e-6, 1e-3),
     multiple=st.floats(1e-3, 1e3),
 )
-def test_any_number_survives_writing(
-    case, youngs_modulus, poisson_ratio, permeability, fixed_charge_density, multiple
-):
+def test_any_number_survives_writing(case, youngs_modulus, poisson_ratio, permeability, fixed_charge_density, multiple):
     changed = case.with_changes(
         {
             "tissue.youngs_modulus": youngs_modulus,
@@ -289,9 +283,7 @@ def test_changes_by_dotted_key(case):
 
 def test_changes_leave_the_original_alone(case):
     before = case.to_toml()
-    case.with_changes(
-        {"phase.loading.piston_pressure": 0.1, "tissue.poisson_ratio": 0.1, "time.scheme": "sdirk2"}
-    )
+    case.with_changes({"phase.loading.piston_pressure": 0.1, "tissue.poisson_ratio": 0.1, "time.scheme": "sdirk2"})
     assert case.to_toml() == before
     assert case.sha256 == Case.from_toml(before).sha256
 
@@ -348,9 +340,7 @@ def test_changes_that_lead_nowhere(case):
 
 
 def test_changed_case_keeps_its_source(case):
-    assert case.with_changes({"model": "biphasic"}).source == str(
-        ROOT / "cases" / "confined_compression.toml"
-    )
+    assert case.with_changes({"model": "biphasic"}).source == str(ROOT / "cases" / "confined_compression.toml")
 
 
 def test_changes_with_numbers_are_quick(case):
@@ -414,9 +404,7 @@ def test_plain_displacement_can_only_hold_the_piston(timed):
     )
     assert held.phase[1].piston_displacement == -0.05
     assert timed.with_changes({"phase.loading.piston_displacement": 0}).phase[0].piston_displacement == 0.0
-    jump = problems_of(
-        timed, {"phase.loading.piston_displacement": ramp, "phase.unloading.piston_displacement": 0}
-    )
+    jump = problems_of(timed, {"phase.loading.piston_displacement": ramp, "phase.unloading.piston_displacement": 0})
     assert "at -0.05 mm" in jump["phase[unloading].piston_displacement"]
     assert "{ramp_to = 0, over = ...}" in jump["phase[unloading].piston_displacement"]
     unknown = problems_of(timed, {"phase.unloading.piston_displacement": 0})
@@ -514,9 +502,7 @@ def test_wrong_value_in_a_phase_is_told_by_its_name(case, key, value, words):
 
 def test_ramp_longer_than_its_phase(case, timed):
     ramp = {"phase.loading.piston_pressure": {"ramp_to": 0.1, "over": "11 min"}}
-    assert (
-        "660 s is longer than the phase, 600 s" in problems_of(timed, ramp)["phase[loading].piston_pressure"]
-    )
+    assert "660 s is longer than the phase, 600 s" in problems_of(timed, ramp)["phase[loading].piston_pressure"]
     assert case.with_changes(ramp).phase[0].piston_pressure == Ramp(0.1, 660.0)
     whole = timed.with_changes({"phase.loading.piston_pressure": {"ramp_to": 0.1, "over": "10 min"}})
     assert whole.phase[0].piston_pressure == Ramp(0.1, 600.0)
@@ -676,9 +662,7 @@ JUNK = st.one_of(
     st.text(max_size=6),
     st.sampled_from(["1 mm", "1 MPa", "1 s", "sdirk2", "loading"]),
     st.lists(st.one_of(st.integers(-1, 1), st.text(max_size=2)), max_size=2),
-    st.dictionaries(
-        st.sampled_from(["depth", "value", "ramp_to", "over", "kind", "scheme", "name"]), st.integers()
-    ),
+    st.dictionaries(st.sampled_from(["depth", "value", "ramp_to", "over", "kind", "scheme", "name"]), st.integers()),
 )
 KEYS = [
     *(
@@ -731,9 +715,7 @@ def test_whatever_is_given_is_a_case_or_is_refused_with_a_key(case, changes):
 
 def test_missing_file_with_the_nearest_one(tmp_path):
     (tmp_path / "compression.toml").write_text(COMPRESSION)
-    with pytest.raises(
-        CaseError, match=r"compresion\.toml: no such file; did you mean .*compression\.toml\?"
-    ):
+    with pytest.raises(CaseError, match=r"compresion\.toml: no such file; did you mean .*compression\.toml\?"):
         load_case(tmp_path / "compresion.toml")
     with pytest.raises(CaseError, match=r"no such file$"):
         load_case(tmp_path / "nowhere" / "case.toml")
@@ -769,20 +751,14 @@ def test_byte_order_mark_does_not_matter(tmp_path, case):
 
 def test_load_that_presses_all_water_out_names_the_largest_one(case):
     biphasic = case.with_changes({"model": "biphasic"})
-    message = problems_of(biphasic, {"phase.loading.piston_pressure": "5 MPa"})[
-        "phase[loading].piston_pressure"
-    ]
+    message = problems_of(biphasic, {"phase.loading.piston_pressure": "5 MPa"})["phase[loading].piston_pressure"]
     # All water is out at J = 0.2, where the solid pushes back with G (J^(-1/3) - J) - K/2 (J - 1/J).
     K, G, J = 0.5 / 1.2, 0.5 / 2.6, 0.2
     limit = G * (J ** (-1 / 3) - J) - K / 2 * (J - 1 / J)
     largest = float(message.split("up to ")[1].split()[0])
     assert 0.99 * limit < largest <= limit
-    assert (
-        biphasic.with_changes({"phase.loading.piston_pressure": largest}).phase[0].piston_pressure == largest
-    )
-    assert (
-        case.with_changes({"phase.loading.piston_pressure": 5}).model == "electrochemical"
-    )  # charge holds water
+    assert biphasic.with_changes({"phase.loading.piston_pressure": largest}).phase[0].piston_pressure == largest
+    assert case.with_changes({"phase.loading.piston_pressure": 5}).model == "electrochemical"  # charge holds water
 
 
 @settings(deadline=None)  # timing is not what is tested, and the machine may be busy
@@ -819,9 +795,7 @@ def test_bath_that_draws_all_water_out(case):
     }
     assert "without a load" in problems_of(case, uncharged)["bath.concentration"]
     weak = case.with_changes(uncharged | {"bath.concentration": 1e-8, "phase.loading.piston_pressure": 0})
-    later = problems_of(
-        weak, {"phase.loading.piston_pressure": 0, "phase.loading.bath_concentration": 1.5e-4}
-    )
+    later = problems_of(weak, {"phase.loading.piston_pressure": 0, "phase.loading.bath_concentration": 1.5e-4})
     assert "without a load" in later["phase[loading].piston_pressure"]
     assert "phase[unloading].piston_pressure" in later  # the bath stays as the phase before left it
 
@@ -833,9 +807,7 @@ def test_displacement_must_leave_room_for_the_solid(case):
     assert "the solid alone takes 0.1 mm: must be above -0.427 mm" in message
     deepest = case.with_changes({"phase.0.piston_displacement": ramp | {"ramp_to": -0.427}})
     assert deepest.phase[0].piston_displacement == Ramp(-0.427, 50.0)
-    biphasic = problems_of(
-        case, {"model": "biphasic", "phase.0.piston_displacement": ramp | {"ramp_to": -0.41}}
-    )
+    biphasic = problems_of(case, {"model": "biphasic", "phase.0.piston_displacement": ramp | {"ramp_to": -0.41}})
     assert "must be above -0.4 mm" in biphasic["phase[loading].piston_displacement"]
 
 
@@ -862,17 +834,13 @@ def test_osmotic_coefficient_of_eq_14_must_stay_positive(case):
 def test_output_times_beyond_the_end(case, timed):
     assert "end of the run at 1200 s" in problems_of(timed, {"output.times": [0, "20.1 min"]})["output.times"]
     assert timed.with_changes({"output.times": [0, "20 min"]}).output.times == (0.0, 1200.0)
-    assert case.with_changes({"output.times": [1e9]}).output.times == (
-        1e9,
-    )  # relaxation times are not known yet
+    assert case.with_changes({"output.times": [1e9]}).output.times == (1e9,)  # relaxation times are not known yet
 
 
 # The schema and its reference
 
 
-@pytest.mark.parametrize(
-    "table", [table for _, table in tables_below(CaseTable)], ids=lambda table: table.__name__
-)
+@pytest.mark.parametrize("table", [table for _, table in tables_below(CaseTable)], ids=lambda table: table.__name__)
 def test_every_key_is_described_and_read_by_a_value_type(table):
     for key, field in table.model_fields.items():
         tables = key in ("geometry", "tissue", "bath", "phase", "time", "output")

@@ -79,7 +79,9 @@ def test_charge_and_solid_stay_with_the_solid() -> None:
     tissue, J = random_tissue(30, seed=2), np.linspace(0.5, 2.0, 9)[None]
     n_f = fluid_fraction(tissue, J)
     charge = tissue.fixed_charge_density * tissue.fluid_fraction
-    np.testing.assert_allclose(J * n_f * fixed_charge_density(tissue, J), np.broadcast_to(charge, n_f.shape), rtol=1e-13)
+    np.testing.assert_allclose(
+        J * n_f * fixed_charge_density(tissue, J), np.broadcast_to(charge, n_f.shape), rtol=1e-13
+    )
     solid = np.broadcast_to(1 - tissue.fluid_fraction, n_f.shape)
     np.testing.assert_allclose(J * (1 - n_f), solid, rtol=1e-13)
 

@@ -25,9 +25,7 @@ def test_free_swelling_in_one_direction() -> None:
 
 def test_equal_osmotic_coefficients() -> None:
     tissue = reference_tissue(osmotic_coefficient=1.0, **COMPARABLE)
-    assert equilibrium_volume_ratio(tissue, 0.0, 1.5e-4, 1.0, swelling=True).item() == pytest.approx(
-        1.166001, abs=1e-6
-    )
+    assert equilibrium_volume_ratio(tissue, 0.0, 1.5e-4, 1.0, swelling=True).item() == pytest.approx(1.166001, abs=1e-6)
 
 
 @pytest.mark.parametrize(("swelling", "expected"), [(True, 0.822614), (False, 0.682746)])
@@ -46,9 +44,7 @@ def test_isotropic_stress_is_the_volumetric_term_of_the_paper() -> None:
     tissue = reference_tissue()
     J = isotropic_equilibrium_volume_ratio(tissue, **REFERENCE_BATH)
     stress = bulk_modulus(tissue) / 2 * (J - 1 / J)
-    np.testing.assert_allclose(
-        stress, osmotic_pressure_difference(tissue, J, **REFERENCE_BATH), rtol=1e-12, atol=1e-15
-    )
+    np.testing.assert_allclose(stress, osmotic_pressure_difference(tissue, J, **REFERENCE_BATH), rtol=1e-12, atol=1e-15)
 
 
 @pytest.mark.parametrize("solid", SOLIDS)

@@ -102,9 +102,7 @@ def test_relaxation_against_finite_differences(scaled_ramp: float) -> None:
 
 def test_relaxation_limits() -> None:
     """At rest H d/h; at first the boundary layer of a half space, 2 (V/k) sqrt(H k t/pi)."""
-    final = relaxation_pressure(
-        **LAYER, displacement=0.02, ramp_duration=5.0, time=np.array([0.0, 20 * LAYER_TIME])
-    )
+    final = relaxation_pressure(**LAYER, displacement=0.02, ramp_duration=5.0, time=np.array([0.0, 20 * LAYER_TIME]))
     np.testing.assert_allclose(final, [0.0, H * 0.02 / HEIGHT], rtol=1e-10)
     early = relaxation_pressure(**LAYER, displacement=0.02, ramp_duration=5.0, time=np.array([1e-6, 1.0]))
     half_space = 2 * 0.02 / 5.0 / K * np.sqrt(H * K * np.array([1e-6, 1.0]) / np.pi)
@@ -117,9 +115,7 @@ def test_relaxation_limits() -> None:
 def test_mandel_numbers_known_before() -> None:
     block = MandelBlock(half_width=1.0, youngs_modulus=1.0, poisson_ratio=0.2, permeability=1.0, force=1.0)
     assert block.roots(1).item() == pytest.approx(1.287342, abs=1e-6)
-    pressure = block.fluid_pressure(
-        np.array([0.0]), np.array([0.01, 0.05, 0.1, 0.5, 1.0]) / block.diffusivity
-    )
+    pressure = block.fluid_pressure(np.array([0.0]), np.array([0.01, 0.05, 0.1, 0.5, 1.0]) / block.diffusivity)
     np.testing.assert_allclose(pressure[:, 0], [0.52188, 0.54944, 0.54771, 0.29639, 0.12942], atol=6e-6)
 
 
@@ -173,12 +169,8 @@ def test_mandel_limits() -> None:
     block = MandelBlock(5.0, E, nu, 1e-3, 0.5)
     G, stress = block.shear_modulus, 0.1
     time = np.array([1e-7, 30.0]) * block.half_width**2 / block.diffusivity
-    np.testing.assert_allclose(
-        block.edge_displacement(time) / 5.0, stress / (2 * G) * np.array([0.5, nu]), rtol=1e-3
-    )
-    np.testing.assert_allclose(
-        block.axial_strain(time), -stress * np.array([0.25 / G, (1 - nu**2) / E]), rtol=1e-3
-    )
+    np.testing.assert_allclose(block.edge_displacement(time) / 5.0, stress / (2 * G) * np.array([0.5, nu]), rtol=1e-3)
+    np.testing.assert_allclose(block.axial_strain(time), -stress * np.array([0.25 / G, (1 - nu**2) / E]), rtol=1e-3)
 
 
 def test_mandel_refuses_the_first_instant() -> None:
@@ -222,16 +214,12 @@ class RadialBalances:
         self.leak = np.zeros((n, n))  # k (1/r) d/dr(r dp/dr)
         for face in range(1, n):
             conductance = faces[face] / width
-            self.leak[face - 1, [face - 1, face]] += (
-                np.array([-1, 1]) * conductance / (centre[face - 1] * width)
-            )
+            self.leak[face - 1, [face - 1, face]] += np.array([-1, 1]) * conductance / (centre[face - 1] * width)
             self.leak[face, [face - 1, face]] += np.array([1, -1]) * conductance / (centre[face] * width)
         self.leak[-1, -1] -= a / (0.5 * width) / (centre[-1] * width)
         self.leak *= disc.permeability
 
-    def solve(
-        self, load_row: Array, load_push: Array, load: float, instants: Array, rate: float = 0.0
-    ) -> DiscHistory:
+    def solve(self, load_row: Array, load_push: Array, load: float, instants: Array, rate: float = 0.0) -> DiscHistory:
         """Histories; the axial condition is load_row (u, e) = load_push p + load + rate t."""
         n = len(self.push)
         matrix = np.vstack([self.solid, load_row])
@@ -298,9 +286,7 @@ def test_unconfined_limits(disc: UnconfinedDisc) -> None:
     E, nu, a = disc.youngs_modulus, disc.poisson_ratio, disc.radius
     time = disc_time(disc, np.array([1e-7, 50.0]))
     creep = disc.creep(np.array([0.0, 0.5 * a, a]), time, 0.01)
-    np.testing.assert_allclose(
-        creep.axial_strain, -0.01 * np.array([1 / (3 * disc.shear_modulus), 1 / E]), rtol=2e-3
-    )
+    np.testing.assert_allclose(creep.axial_strain, -0.01 * np.array([1 / (3 * disc.shear_modulus), 1 / E]), rtol=2e-3)
     np.testing.assert_allclose(
         creep.rim_displacement, -creep.axial_strain * np.array([0.5, nu]) * a, rtol=2e-3, atol=1e-9
     )
@@ -316,8 +302,6 @@ def test_short_ramp_is_a_step_at_late_times() -> None:
     disc = DISCS[1]
     time = disc_time(disc, np.array([0.2]))
     ramps = disc_time(disc, np.array([1e-3, 1e-4]))
-    short, shorter = (
-        disc.relaxation(AXIS, time + 0.5 * ramp, -0.01, ramp).axial_stress.item() for ramp in ramps
-    )
+    short, shorter = (disc.relaxation(AXIS, time + 0.5 * ramp, -0.01, ramp).axial_stress.item() for ramp in ramps)
     assert short == pytest.approx(shorter, rel=1e-6)
     assert -0.01 * 3 * disc.shear_modulus < shorter < -0.01 * disc.youngs_modulus

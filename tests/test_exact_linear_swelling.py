@@ -262,8 +262,7 @@ def test_profile_satisfies_the_balances() -> None:
         if linear.mixture.model.transports_ions:
             gradients.append(inside.log_concentration)
         flow = sum(
-            linear.mobility[:, 0, i] * np.diff(y[:, 1, :], 2)[:, 0] / dx[:, 0] ** 2
-            for i, y in enumerate(gradients)
+            linear.mobility[:, 0, i] * np.diff(y[:, 1, :], 2)[:, 0] / dx[:, 0] ** 2 for i, y in enumerate(gradients)
         )
         balance = linear.volume_ratio[:, 0] * flow
         np.testing.assert_allclose(balance, rate, rtol=1e-4, atol=1e-4 * abs(rate).max())
@@ -317,9 +316,7 @@ def test_first_flow_is_the_sign_of_the_early_strain() -> None:
     change = linear.boundary_change(0.0, -1e-6)
     time = slab_time(linear, 1e-4)
     early = linear.mean_volume_change(time, change) / linear.volume_ratio
-    np.testing.assert_allclose(
-        early[:, 0], linear.early_strain(change) * np.sqrt(time[:, 0]), rtol=1e-6, atol=1e-12
-    )
+    np.testing.assert_allclose(early[:, 0], linear.early_strain(change) * np.sqrt(time[:, 0]), rtol=1e-6, atol=1e-12)
     backward = linear.flows_backward_first(change)
     np.testing.assert_array_equal(backward, early[:, 0] * change[:, 0] < 0)
     assert 0.01 < backward.mean() < 0.2

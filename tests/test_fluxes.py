@@ -33,9 +33,7 @@ def test_fluxes_solve_the_friction_equations() -> None:
     for ion, friction in enumerate(frictions, start=1):
         B[:, ion, ion] = friction[:, 0]
         B[:, 0, ion] = B[:, ion, 0] = -(w * friction)[:, 0]
-    forces = -np.concatenate(
-        [n_f * water, n_f * cation * RT * (salt + psi), n_f * anion * RT * (salt - psi)], axis=1
-    )
+    forces = -np.concatenate([n_f * water, n_f * cation * RT * (salt + psi), n_f * anion * RT * (salt - psi)], axis=1)
     velocity = np.linalg.solve(B, forces[:, :, None])[:, :, 0]
     flux = mixture_fluxes(tissue, J, cation, anion, water, salt, psi)
     for value, velocities, content in zip(flux, velocity.T, (n_f, n_f * cation, n_f * anion), strict=True):

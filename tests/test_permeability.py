@@ -84,7 +84,5 @@ def test_nothing_to_drag_leaves_the_permeability(changes: dict[str, float]) -> N
 
 def test_permeability_falls_exponentially_with_compression() -> None:
     tissue = reference_tissue(permeability_exponent=np.array([0.0, 2.0]))
-    np.testing.assert_allclose(
-        hydraulic_permeability(tissue, 0.5 * ONE)[:, 0], [1e-3, 1e-3 * np.exp(-1.0)], rtol=1e-14
-    )
+    np.testing.assert_allclose(hydraulic_permeability(tissue, 0.5 * ONE)[:, 0], [1e-3, 1e-3 * np.exp(-1.0)], rtol=1e-14)
     np.testing.assert_allclose(hydraulic_permeability(tissue, ONE), 1e-3, rtol=1e-14)

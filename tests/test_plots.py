@@ -127,9 +127,7 @@ def test_figure_is_written_by_its_name(results: dict[str, xr.Dataset], tmp_path:
     assert {".png": b"PNG", ".pdf": b"%PDF", ".svg": b"<?xml"}[suffix] in start
 
 
-def test_figure_is_as_wide_as_a_page_at_300_dots_an_inch(
-    results: dict[str, xr.Dataset], tmp_path: Path
-) -> None:
+def test_figure_is_as_wide_as_a_page_at_300_dots_an_inch(results: dict[str, xr.Dataset], tmp_path: Path) -> None:
     save_figure(result_figure(results, [37.5], ["volume_ratio"]), tmp_path / "figure.png")
     pixels = matplotlib.image.imread(tmp_path / "figure.png").shape[1]
     assert pixels == pytest.approx(180.0 / 25.4 * 300.0, abs=2)

@@ -21,7 +21,7 @@ import fvswell
 from fvswell.case import MODELS
 from fvswell.errors import OutputError, SolverError
 from fvswell.fields import FIELDS, Field
-from fvswell.results import COMPLETE, read_case, read_result
+from fvswell.results import COMPLETE, ResultFile, read_case, read_result
 from fvswell.simulation import Progress, run
 
 COORDINATES = {"x", "x_bounds", "x_node", "time"}
@@ -236,6 +236,16 @@ def test_interrupted_run_leaves_nothing(tmp_path: Path) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         run(small_compression(), path=tmp_path / "result.nc", report=interrupt)
+    assert not list(tmp_path.iterdir())
+
+
+def test_run_interrupted_while_its_file_is_made_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(file: ResultFile) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(ResultFile, "_define", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        run(small_compression(), path=tmp_path / "result.nc")
     assert not list(tmp_path.iterdir())
 
 

@@ -27,9 +27,7 @@ def test_matrix_residual_and_step_are_the_same(model: str, changes: dict[str, ob
         assert np.abs(stock_matrix[balance] - matrix[balance]).max() < 1e-12 * scale
         residual, stock_residual = coupled.residual[balance], stock_balance.residual[balance]
         assert np.abs(stock_residual - residual).max() < 1e-12 * np.abs(residual).max()
-    ours, theirs = (
-        each.newton_step(unknowns, interval, coupled, with_pressure=True) for each in (term, stock)
-    )
+    ours, theirs = (each.newton_step(unknowns, interval, coupled, with_pressure=True) for each in (term, stock))
     for one, other in zip(ours, theirs, strict=True):
         for variable in range(len(unknowns)):
             assert np.abs(one[variable] - other[variable]).max() < 1e-11 * np.abs(one[variable]).max()
@@ -42,9 +40,7 @@ def test_matrix_residual_and_step_are_the_same(model: str, changes: dict[str, ob
 def test_whole_run_is_the_same(model: str) -> None:
     """A ramp of the piston, whose pressure is found, in another bath."""
     ramp = {"piston_displacement": {"ramp_to": -0.03, "over": 100.0}, "bath_concentration": 1e-4}
-    case = single_phase(
-        compression(geometry__cells=4, geometry__grading=4, time__steps_per_phase=1), 100.0, **ramp
-    )
+    case = single_phase(compression(geometry__cells=4, geometry__grading=4, time__steps_per_phase=1), 100.0, **ramp)
     ours = fvswell.run(case, model)
     stock = fvswell.run(case.with_changes({"assembly": "stock-terms"}), model)
     np.testing.assert_array_equal(stock["step_iterations"], ours["step_iterations"])

@@ -94,9 +94,7 @@ def test_error_controlled_rows_are_as_alone_and_sampled_between_their_steps():
 def test_a_row_that_fails_is_told_and_stops_no_other():
     """200 MPa at once: the ions of the squeezed tissue leave the range of the solver."""
     loads = [studies.parameter("load", "phase.loading.piston_pressure", "0.2 MPa", "200 MPa")]
-    short = studies.protocol(
-        phase__loading__duration="300 s", phase__unloading__duration="300 s", geometry__cells=4
-    )
+    short = studies.protocol(phase__loading__duration="300 s", phase__unloading__duration="300 s", geometry__cells=4)
     design = [{"name": "loads", "kind": "one-at-a-time", "count": 2}]
     study = studies.study(protocol=[short], parameter=loads, design=design, strain_curves=True)
     result = run_batch(plan(study)[0])

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from columns import compression, march, single_phase
+from columns import compression, march, single_phase, strain_at
 
+import fvswell
 from fvswell.protocol import Drive, Protocol
 from fvswell.system import LoadValues, Solution, Stage
 from fvswell.time_stepping import BACKWARD_EULER, SDIRK2, Marcher, Scheme, State, Step, StepControl
@@ -80,13 +81,17 @@ def test_schemes_are_l_stable(scheme: Scheme) -> None:
     np.testing.assert_allclose(loop.state.contents, 1.0, atol=1e-8)
 
 
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-5, 1e-7])
-def test_tolerance_bounds_the_error_and_costs_its_cube_root(tolerance: float) -> None:
-    control = StepControl(SDIRK2, np.full(2, tolerance), first_step=1e-4)
-    loop, record = marcher(Reservoir(RATE), control, np.array([4.0]), jump())
-    error = np.abs(loop.state.contents[0, :, 0] - (1 - np.exp(-4.0 * RATE)))
-    assert np.all(error < 5 * tolerance)
-    assert len(record) < 30 + 15 * tolerance ** (-1 / 3)
+def test_tolerance_bounds_the_error_of_each_step() -> None:
+    """The errors of n steps add up to less than n tolerances; n goes as the cube root, the error as its square."""
+    error, counts = [], []
+    for tolerance in (1e-3, 1e-5, 1e-7):
+        control = StepControl(SDIRK2, np.full(2, tolerance), first_step=1e-4)
+        loop, record = marcher(Reservoir(RATE), control, np.array([4.0]), jump())
+        error.append(np.abs(loop.state.contents[0, :, 0] - (1 - np.exp(-4.0 * RATE))))
+        counts.append([sum(row in step.rows for step, _ in record) for row in range(2)])
+        assert np.all(error[-1] < np.array(counts[-1]) * tolerance)
+    assert np.all(error[1] / error[2] > 10.0)
+    assert np.all(np.array(counts[2]) < 100 ** (1 / 3) * 1.5 * np.array(counts[1]))
 
 
 def test_targets_are_hit_to_the_bit_and_steps_keep_below_the_longest() -> None:
@@ -142,7 +147,7 @@ def test_what_never_converges_is_told_with_place_and_balance_and_spares_the_othe
     assert 0.0 < failure.elapsed < 1.0
     assert loop.state.elapsed.tolist() == [4.0, failure.elapsed]
     assert 0.5 < loop.state.contents[0, 1, 0] < 0.7  # where it stood
-    assert f"volume balance did not converge at t = {failure.elapsed:.6g} s" in failure.reason
+    assert "volume balance did not converge at here" in failure.reason("here")
 
 
 def test_rows_march_as_they_would_alone() -> None:
@@ -173,22 +178,14 @@ def test_order_on_the_nonlinear_column(model: str, scheme: Scheme, order: float)
     np.testing.assert_allclose(np.log2(change[0] / change[1]), order, atol=0.15)
 
 
-@pytest.mark.parametrize("protocol", ["load", "bath"])
-def test_error_of_the_strain_follows_the_tolerance(protocol: str) -> None:
-    """After a jump, at times from 1 s on: within a few times the tolerance of a run with a hundredth of it."""
-    times = [1.0, 3.0, 10.0, 30.0, 100.0, 300.0]
-    loads = {"load": {"piston_pressure": 0.25}, "bath": {"piston_pressure": 0.0, "bath_concentration": 1e-4}}
-    case = single_phase(compression(geometry__cells=20), 300.0, **loads[protocol]).with_changes(
-        {"time.scheme": "sdirk2", "output.times": times}
+@pytest.mark.parametrize(
+    "loads", [{"piston_pressure": 0.25}, {"piston_pressure": 0.0, "bath_concentration": 1e-4}], ids=["load", "bath"]
+)
+def test_strain_is_as_good_as_its_tolerance_after_a_jump(loads: dict[str, float]) -> None:
+    """At times from 0.3 s on, against a run with a hundredth of the tolerance."""
+    times = np.array([0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0])
+    case = single_phase(compression(geometry__cells=20), 300.0, **loads).with_changes(
+        {"time.scheme": "sdirk2", "output.times": times.tolist()}
     )
-
-    def strain(tolerance: float) -> Array:
-        batch_times: dict[float, float] = {}
-        run, steps = march(case.with_changes({"time.tolerance": tolerance}))
-        assert not run.failures
-        batch_times.update()
-        return np.array([float(run.state.loads["height"][0])])
-
-    reference = strain(1e-6)
-    scale = np.abs(reference - 0.5 * 1.0545)
-    assert np.abs(strain(1e-4) - reference) < 3e-4 * scale
+    coarse, fine = (strain_at(fvswell.run(case.with_changes({"time.tolerance": t})), times) for t in (1e-4, 1e-6))
+    assert np.abs(coarse - fine).max() < 5e-4 * np.abs(fine).max()

@@ -134,7 +134,9 @@ def test_newton_step_solves_the_whole_system(model: str, with_pressure: bool) ->
 # ---- as a FiPy Term --------------------------------------------------------------------------------------
 
 
-def bound(model: str, seed: int) -> tuple[CoupledTransportTerm, Array, Interval, fipy.CellVariable, CoupledTransportTerm]:
+def bound(
+    model: str, seed: int
+) -> tuple[CoupledTransportTerm, Array, Interval, fipy.CellVariable, CoupledTransportTerm]:
     term, unknowns, interval = moved(model, seed)
     variable = fipy.CellVariable(mesh=term.grid.mesh, value=unknowns[:, 0], elementshape=(len(unknowns),))
     return term, unknowns, interval, variable, term.bind(variable, interval)

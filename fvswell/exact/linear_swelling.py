@@ -114,9 +114,7 @@ class LinearColumn:
         carried = w * cation * anion * (D_cation + D_anion) / conductance
         diffused = 2.0 * fluid_fraction(tissue, J) * cation * D_cation * anion * D_anion / conductance
         drawn = 2.0 * tissue.thermal_energy * carried  # reciprocal to ``carried``
-        entries = np.broadcast_arrays(
-            k_open, k_open * drawn, carried * k_open, carried * k_open * drawn + diffused
-        )
+        entries = np.broadcast_arrays(k_open, k_open * drawn, carried * k_open, carried * k_open * drawn + diffused)
         return np.stack(entries, axis=-1).reshape(-1, 2, 2)
 
     @cached_property
@@ -143,9 +141,7 @@ class LinearColumn:
         half_gap = np.sqrt(square.astype(complex) if np.any(square < 0.0) else square)
         return np.stack([mean + half_gap, mean - half_gap], axis=-1)
 
-    def boundary_change(
-        self, delta_pressure: Array | float = 0.0, delta_concentration: Array | float = 0.0
-    ) -> Array:
+    def boundary_change(self, delta_pressure: Array | float = 0.0, delta_concentration: Array | float = 0.0) -> Array:
         """Change of the contents at the filter at once and everywhere in the end, ``(rows, contents)``.
 
         Parameters

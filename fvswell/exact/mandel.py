@@ -52,9 +52,7 @@ class MandelBlock:
         slope = (1.0 - self.poisson_ratio) / (0.5 - self.poisson_ratio)
         turns = np.arange(count) * np.pi
         # sin(a) = slope a cos(a), solved in each half turn; its solution 0 is not one of them
-        return roots_between(
-            lambda a: np.sin(a) - slope * a * np.cos(a), np.maximum(turns, 1e-2), turns + 0.5 * np.pi
-        )
+        return roots_between(lambda a: np.sin(a) - slope * a * np.cos(a), np.maximum(turns, 1e-2), turns + 0.5 * np.pi)
 
     def fluid_pressure(self, position: Array, time: Array) -> Array:
         """Pressure p (MPa) at distances from the middle (mm), shape ``(times, positions)``."""

@@ -1,0 +1,99 @@
+"""A single column as a run sees it: what is marched, what is recorded, how the result is laid out."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fvswell.case import Case
+from fvswell.column_batch import ColumnBatch
+from fvswell.column_fields import column_fields
+from fvswell.conservation import ConservationBooks
+from fvswell.errors import SolverError
+from fvswell.fields import FIELDS
+from fvswell.newton import ColumnSystem
+from fvswell.protocol import Protocol
+from fvswell.relaxation import phase_durations
+from fvswell.results import Layout
+from fvswell.time_stepping import State, StepControl
+from fvswell.tissue import Array
+
+__all__ = ["ColumnRun"]
+
+
+class ColumnRun:
+    """A case of a column."""
+
+    def __init__(self, case: Case) -> None:
+        self.case, self.batch = case, ColumnBatch.of([case])
+
+    @property
+    def system(self) -> ColumnSystem:
+        """What is marched."""
+        return self.batch.system
+
+    def durations(self) -> Array:
+        """Durations of the phases, (1, phases), s; raises SolverError where one is not to be found."""
+        duration = phase_durations([self.case])
+        for phase, seconds in zip(self.case.phase, duration[0], strict=True):
+            if not np.isfinite(seconds):
+                raise SolverError(
+                    f"{self.case.source}: the biphasic-swelling model does not relax in phase {phase.name}; "
+                    "give its duration in s"
+                )
+        return duration
+
+    def start(self) -> State:
+        """State of the equilibrated column."""
+        return self.batch.start()
+
+    def books(self, state: State) -> ConservationBooks:
+        """Books on the balances, from a state on."""
+        return self.batch.books(state)
+
+    def protocol(self, duration: Array) -> Protocol:
+        """Protocol with phases of the given durations."""
+        return self.batch.protocol(duration)
+
+    def control(self) -> StepControl:
+        """How the steps are chosen."""
+        return self.batch.control()
+
+    def strain(self, state: State) -> float:
+        """Global strain."""
+        return float(state.loads["height"][0] / self.batch.initial_height[0] - 1.0)
+
+    def fields(self, state: State) -> dict[str, Array]:
+        """Fields to record."""
+        batch = self.batch
+        return column_fields(batch.grid, batch.system.term.laws, state, float(batch.initial_height[0]))
+
+    def place(self, point: int) -> str:
+        """Where a point of the residual lies."""
+        return f"{self.batch.grid.centres[point]:.3g} mm from the filter"
+
+    def layout(self, duration: Array) -> Layout:
+        """Layout of the result."""
+        grid = self.batch.grid
+        phases = {
+            "phase_end": np.cumsum(duration[0]),
+            "equilibrium_strain": self.batch.equilibrium_heights()[0] / self.batch.initial_height[0] - 1.0,
+        }
+        return Layout(
+            dimensions={"cell": len(grid.widths), "node": len(grid.nodes), "bound": 2, "phase": len(self.case.phase)},
+            coordinates={
+                "x": (
+                    ("cell",), grid.centres,
+                    {"units": "mm", "long_name": "distance from the filter in the stress-free solid", "axis": "X",
+                     "bounds": "x_bounds"},
+                ),
+                "x_bounds": (("cell", "bound"), np.stack([grid.nodes[:-1], grid.nodes[1:]], axis=1), {}),
+                "x_node": (
+                    ("node",), grid.nodes,
+                    {"units": "mm", "long_name": "distance of nodes from the filter in the stress-free solid"},
+                ),
+                **{name: (("phase",), values, FIELDS[name].attributes) for name, values in phases.items()},
+            },
+            location_dimensions={"cell": "cell", "node": "node"},
+            case=self.case,
+            comment="A column of tissue between a filter at x = 0 and a piston; x moves with the solid.",
+        )  # fmt: skip

@@ -1,0 +1,112 @@
+"""Balances drawn up from the result alone, beside what the result says of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+from columns import compression, march, swelling
+
+import fvswell
+from fvswell.case import Case
+from fvswell.column_batch import ColumnBatch
+from fvswell.models import MODELS
+from fvswell.time_stepping import State, Step
+from fvswell.tissue import Array
+
+CASES = {
+    "compression": compression(geometry__cells=30),
+    "swelling": swelling(geometry__cells=30),
+    "layered": compression(
+        geometry__cells=30, tissue__fixed_charge_density={"depth": [0.0, 0.5], "value": [1e-4, 3e-4]},
+        tissue__fluid_fraction={"depth": [0.0, 0.5], "value": [0.85, 0.75]},
+    ),
+}  # fmt: skip
+
+
+def contents(result: xr.Dataset) -> dict[str, Array]:
+    """Water, anions and cations per area of the filter, from the fields of the cells."""
+    volume = result["volume_ratio"].values * np.diff(result["x_bounds"])[:, 0]
+    amounts = {"volume": volume.sum(axis=1)}
+    fluid = volume * result["fluid_fraction"].values
+    if "anion_flux" in result:
+        amounts |= {ion: (fluid * result[f"{ion}_concentration"].values).sum(axis=1) for ion in ("anion", "cation")}
+    return amounts
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("model", MODELS)
+def test_every_step_closes_by_the_fields_alone(model: str, name: str) -> None:
+    """Backward Euler: what a step adds is its length times the flux through the filter at its end.
+
+    Each mismatch relative to all that has crossed until then, in every one of the 100 steps.
+    """
+    result = fvswell.run(CASES[name], model)
+    steps = result["step_size"].values
+    assert len(steps) == result.sizes["time"] - 1  # every step is in the file
+    flux_of = {"volume": "water_flux", "anion": "anion_flux", "cation": "cation_flux"}
+    for balance, amount in contents(result).items():
+        entered = steps * result[flux_of[balance]].values[1:, 0]
+        mismatch = np.abs(np.diff(amount) - entered) / np.cumsum(np.abs(entered))
+        assert mismatch.max() < 1e-10, balance
+        assert result[f"{balance}_balance_error"].max() < 1e-10
+        if name != "swelling" or model != "biphasic":
+            assert np.abs(entered).sum() > 1e-3 * amount[0]  # something did cross
+    if model == "electrochemical":
+        charge = steps * (result["cation_flux"] - result["anion_flux"]).values[1:, 0]
+        anions = np.cumsum(np.abs(steps * result["anion_flux"].values[1:, 0]))
+        assert (np.abs(charge) / anions).max() < 1e-10
+        assert result["charge_balance_error"].max() < 1e-10
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("name", ["compression", "swelling", "layered"])
+def test_second_order_scheme_conserves(model: str, name: str) -> None:
+    changes = {"time.scheme": "sdirk2", "time.tolerance": 1e-3}
+    result = fvswell.run(CASES[name].with_changes(changes), model)
+    balances = ("volume", "anion", "cation", "charge") if model == "electrochemical" else ("volume",)
+    for balance in balances:
+        assert result[f"{balance}_balance_error"].max() < 1e-10, balance
+
+
+def test_balances_close_under_a_prescribed_piston() -> None:
+    """No water can leave that the piston does not displace."""
+    case = compression(phase__loading={"name": "loading", "duration": 100.0,
+                                       "piston_displacement": {"ramp_to": -0.05, "over": 50.0}})  # fmt: skip
+    result = fvswell.run(case, "electrochemical").isel(time=slice(0, 51))
+    flux = result["water_flux"].values[1:, 0]
+    speed = np.where(result["time"].values[1:] <= 50.0 + 1e-9, -0.05 / 50.0, 0.0)
+    np.testing.assert_allclose(flux, speed, rtol=1e-10, atol=1e-15)
+    assert result["volume_balance_error"].max() < 1e-10
+
+
+class Leak:
+    """Observer that takes a part in a million of the anions out of a cell behind the solver's back, once."""
+
+    def __init__(self, batch: ColumnBatch, state: State) -> None:
+        self.books, self.steps = batch.books(state), 0
+
+    def __call__(self, state: State, step: Step) -> None:
+        self.steps += 1
+        if self.steps == 3:
+            contents = state.contents.copy()
+            contents[1, 0, 5] *= 1.0 - 1e-6
+            state = replace(state, contents=contents)
+        self.books(state, step)
+
+
+def test_books_notice_a_leak() -> None:
+    """So that the tests above could fail."""
+    case: Case = CASES["compression"].with_changes({"time.steps_per_phase": 4})
+    marcher, _ = march(case)
+    batch = ColumnBatch.of([case])
+    leak = Leak(batch, batch.start())
+    marcher = type(marcher)(marcher.system, marcher.protocol, marcher.control, batch.start(), [leak])
+    marcher.run()
+    errors = dict(zip(leak.books.balances, leak.books.take_error()[:, 0], strict=True))
+    assert errors["anion"] > 1e-8
+    assert max(errors[balance] for balance in ("volume", "charge", "cation")) < 1e-10
+    assert leak.books.largest[0] == errors["anion"]
+    assert not leak.books.take_error().any()
