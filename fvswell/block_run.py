@@ -37,7 +37,7 @@ from fvswell.time_stepping import (
     State,
     StepControl,
 )
-from fvswell.tissue import Array
+from fvswell.tissue import Array, Tissue
 
 __all__ = ["BlockRun"]
 
@@ -79,6 +79,29 @@ class BlockRun:
     def block(self) -> Block:
         """The block that is marched."""
         return self.system.block
+
+    @property
+    def tissue(self) -> Tissue:
+        """Tissue in the cells."""
+        return self.block.term.cells.tissue
+
+    @property
+    def initial_volume_ratio(self) -> Array:
+        """Volume ratio of the cells at rest, (1, cells)."""
+        return self.block.volume_ratio(self.block.positions(self._initial.unknowns[0, 0]))
+
+    @property
+    def initial_stretch(self) -> float:
+        """Mean height at rest over the height of the stress-free solid."""
+        return self._height / self.case.geometry.height
+
+    @property
+    def drainage_length(self) -> float:
+        """Distance in the block at rest from the bath to the vertex that is farthest from it, mm."""
+        positions = self.block.positions(self._initial.unknowns[0, 0])
+        open_edges = [name for name in EDGES if getattr(self.case.geometry.edges, name).permeable]
+        bath = positions[:, np.concatenate([self.grid.edge_vertices(name) for name in open_edges])]
+        return float(np.hypot(*(positions[:, :, None] - bath[:, None, :])).min(axis=1).max())
 
     def durations(self) -> Array:
         """Durations of the phases, (1, phases), s."""
@@ -129,9 +152,10 @@ class BlockRun:
         time = self.case.time
         if time.fixed_steps is not None:
             return StepControl(BACKWARD_EULER)
-        tissue = self.block.term.cells.tissue
         finest = min(np.diff(nodes).min() for nodes in _nodes(self.case))
-        first = FIRST_STEP * finest**2 / float((tissue.hydraulic_permeability * aggregate_modulus(tissue)).max())
+        first = (
+            FIRST_STEP * finest**2 / float((self.tissue.hydraulic_permeability * aggregate_modulus(self.tissue)).max())
+        )
         return StepControl(SDIRK2, time.tolerance * self.largest_strain(), time.max_step or np.inf, first)
 
     def largest_strain(self) -> Array:

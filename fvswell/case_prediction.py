@@ -9,21 +9,21 @@ from functools import lru_cache
 import numpy as np
 
 from fvswell.case import Case, CaseError
-from fvswell.case_errors import Problem
+from fvswell.case_errors import Problem, shown
 from fvswell.case_schema import ColumnGeometry
 from fvswell.case_values import Ramp, RelaxationTimes, final_value
 from fvswell.electrochemistry import ion_concentrations
 from fvswell.equilibrium import equilibrium_volume_ratio
 from fvswell.grid import ColumnGrid, column_grid
 from fvswell.permeability import hydraulic_permeability, open_circuit_permeability
-from fvswell.predictor import LINEARISED_AT, Conditions, Prediction, predict
+from fvswell.predictor import Conditions, Prediction, predict
 from fvswell.study_runs import samples_per_phase
 from fvswell.tissue import Array, Tissue
 
-__all__ = ["bath_osmotic_coefficients", "is_uniform", "mean_tissue", "predict_cases", "unpredictable"]
+__all__ = ["bath_osmotic_coefficients", "conditions_of", "is_uniform", "mean_tissue", "predict_cases", "unpredictable"]
 
 
-def predict_cases(cases: Sequence[Case], linearised_at: Array | float = LINEARISED_AT) -> Prediction:
+def predict_cases(cases: Sequence[Case], linearised_at: Array | float | None = None) -> Prediction:
     """Predict what the models do in cases that share their phases, as `fvswell.predictor.predict` does.
 
     Tissue that varies with depth is taken to be uniform, with its mean properties.
@@ -43,7 +43,7 @@ def predict_cases(cases: Sequence[Case], linearised_at: Array | float = LINEARIS
         tissue,
         _column([case.geometry.height for case in cases]),
         bath,
-        _conditions(cases),
+        conditions_of(cases),
         linearised_at,
         phase_duration=np.array([[d if isinstance(d, float) else np.nan for d in row] for row in told]),
         open_circuit_ratio=_constant_open_circuit_ratio(cases, tissue, bath),
@@ -56,7 +56,9 @@ def predict_cases(cases: Sequence[Case], linearised_at: Array | float = LINEARIS
 
 
 def unpredictable(case: Case) -> list[Problem]:
-    """What of a case the predictor does not cover: the linear solution is for pressures of the piston."""
+    """What of a case the predictor does not cover: it is for columns and for pressures of the piston."""
+    if case.geometry.kind != "column":
+        return [Problem("geometry.kind", shown(case.geometry.kind), "must be column: only columns can be predicted")]
     return [
         Problem(
             f"phase.{phase.name}.piston_displacement", "", "is prescribed: only phases with a pressure can be predicted"
@@ -94,17 +96,8 @@ def bath_osmotic_coefficients(cases: Sequence[Case]) -> Array:
     return _column([case.bath.osmotic_coefficient for case in cases])
 
 
-@lru_cache
-def _grid(geometry: ColumnGeometry) -> ColumnGrid:
-    return column_grid(geometry.height, geometry.cells, geometry.grading)
-
-
-def _column(values: Sequence[float]) -> Array:
-    return np.array(values, dtype=float)[:, None]
-
-
-def _conditions(cases: Sequence[Case]) -> list[Conditions]:
-    """Those before the first phase and in each phase, arrays of shape ``(cases, 1)``."""
+def conditions_of(cases: Sequence[Case]) -> list[Conditions]:
+    """Conditions before the first phase and in each phase, arrays of shape ``(cases, 1)``."""
     bath = _column([case.bath.concentration for case in cases])
     conditions = [Conditions(np.zeros_like(bath), bath)]
     for phases in zip(*(case.phase for case in cases), strict=True):
@@ -121,6 +114,15 @@ def _conditions(cases: Sequence[Case]) -> list[Conditions]:
             )
         )
     return conditions
+
+
+@lru_cache
+def _grid(geometry: ColumnGeometry) -> ColumnGrid:
+    return column_grid(geometry.height, geometry.cells, geometry.grading)
+
+
+def _column(values: Sequence[float]) -> Array:
+    return np.array(values, dtype=float)[:, None]
 
 
 def _constant_open_circuit_ratio(cases: Sequence[Case], tissue: Tissue, bath: Array) -> Array | None:

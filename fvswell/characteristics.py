@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fvswell.case import Case
+from fvswell.case import BlockCase, Case
 from fvswell.column_batch import ColumnBatch
 from fvswell.electrochemistry import ion_concentrations
 from fvswell.models import ELECTROCHEMICAL, MODELS
 from fvswell.permeability import hydraulic_permeability, open_circuit_permeability
+from fvswell.solid import aggregate_modulus
 from fvswell.tissue import Array, Tissue
+
+if TYPE_CHECKING:
+    from fvswell.block_run import BlockRun
 
 __all__ = ["Characteristics", "RestStates", "characteristics", "salt_diffusivity"]
 
@@ -21,7 +26,8 @@ class RestStates:
     """Where a model is at rest; nan where it has no water left."""
 
     initial_stretch: float  # height of the equilibrated sample over that of the stress-free solid
-    equilibrium_strain: tuple[float, ...]  # under the loads that each phase ends with
+    initial_volume_ratio: float  # volume of the equilibrated sample over that of the stress-free solid
+    equilibrium_strain: tuple[float, ...]  # of columns, under the loads that each phase ends with
 
 
 @dataclass(frozen=True)
@@ -30,12 +36,23 @@ class Characteristics:
 
     rest: dict[str, RestStates]  # by model
     open_circuit_ratio: tuple[float, float]  # k_open/k of the equilibrated sample, least and largest
-    consolidation_time: float  # h^2/(k H), s
-    diffusion_time: float  # h^2 over the least salt diffusivity in the equilibrated sample, s
+    drainage_length: float  # farthest way to the bath, mm: of columns the height of the equilibrated sample
+    consolidation_time: float  # drainage length squared/(k H), s
+    diffusion_time: float  # drainage length squared over the least salt diffusivity in the equilibrated sample, s
 
 
 def characteristics(case: Case) -> Characteristics:
-    """Derived numbers of a case."""
+    """Derived numbers of a case.
+
+    Raises
+    ------
+    SolverError
+        If no state at rest is found for a block.
+    """
+    if isinstance(case, BlockCase):
+        from fvswell.block_run import BlockRun  # blocks only
+
+        return _of_block({name: BlockRun(case.with_changes({"model": name})) for name in MODELS})
     batches = {name: ColumnBatch.of([case], model) for name, model in MODELS.items()}
     full = batches[ELECTROCHEMICAL.name]
     tissue, J = full.cells.tissue, full.initial_volume_ratio
@@ -45,6 +62,7 @@ def characteristics(case: Case) -> Characteristics:
     return Characteristics(
         rest={name: _rest_states(batch) for name, batch in batches.items()},
         open_circuit_ratio=(float(ratio.min()), float(ratio.max())),
+        drainage_length=float(full.initial_height[0]),
         consolidation_time=float(full.consolidation_time()[0]),
         diffusion_time=float(full.initial_height[0] ** 2 / diffusivity),
     )
@@ -63,4 +81,25 @@ def salt_diffusivity(tissue: Tissue, cation: Array, anion: Array) -> Array:
 def _rest_states(batch: ColumnBatch) -> RestStates:
     height = float(batch.initial_height[0])
     strain = batch.equilibrium_heights()[0] / height - 1.0
-    return RestStates(height / float(batch.grid.widths.sum()), tuple(strain.tolist()))
+    stretch = height / float(batch.grid.widths.sum())
+    return RestStates(stretch, stretch, tuple(strain.tolist()))
+
+
+def _of_block(runs: dict[str, BlockRun]) -> Characteristics:
+    full = runs[ELECTROCHEMICAL.name]
+    tissue, J = full.tissue, full.initial_volume_ratio
+    ions = ion_concentrations(tissue, J, np.log(full.case.bath.concentration))
+    ratio = open_circuit_permeability(tissue, J, *ions) / hydraulic_permeability(tissue, J)
+    length = full.drainage_length
+    slowest = (tissue.hydraulic_permeability * aggregate_modulus(tissue)).min()
+    volumes = full.grid.volumes
+    return Characteristics(
+        rest={
+            name: RestStates(run.initial_stretch, float(run.initial_volume_ratio[0] @ volumes / volumes.sum()), ())
+            for name, run in runs.items()
+        },
+        open_circuit_ratio=(float(ratio.min()), float(ratio.max())),
+        drainage_length=length,
+        consolidation_time=float(length**2 / slowest),
+        diffusion_time=float(length**2 / salt_diffusivity(tissue, *ions).min()),
+    )

@@ -128,7 +128,7 @@ class ColumnBatch:
     def error_control(self, tolerance: float, max_step: float = np.inf) -> StepControl:
         """SDIRK2 with steps chosen by the error; ``tolerance`` is relative to the largest equilibrium strain."""
         stiffness = self.cells.tissue.hydraulic_permeability * aggregate_modulus(self.cells.tissue)
-        first = FIRST_STEP * float(self.grid.widths.min()) ** 2 / float(stiffness.max())
+        first = FIRST_STEP * float(self.grid.widths.min()) ** 2 / stiffness.max(axis=1)
         return StepControl(SDIRK2, tolerance * self.largest_strain(), max_step, first)
 
     def consolidation_time(self) -> Array:

@@ -12,7 +12,7 @@ from fvswell.errors import SolverError
 from fvswell.fields import FIELDS
 from fvswell.newton import ColumnSystem
 from fvswell.protocol import Protocol
-from fvswell.relaxation import phase_durations
+from fvswell.relaxation import phase_durations, unrelaxed_phase
 from fvswell.results import Layout
 from fvswell.time_stepping import State, StepControl
 from fvswell.tissue import Array
@@ -34,12 +34,8 @@ class ColumnRun:
     def durations(self) -> Array:
         """Durations of the phases, (1, phases), s; raises SolverError where one is not to be found."""
         duration = phase_durations([self.case])
-        for phase, seconds in zip(self.case.phase, duration[0], strict=True):
-            if not np.isfinite(seconds):
-                raise SolverError(
-                    f"{self.case.source}: the biphasic-swelling model does not relax in phase {phase.name}; "
-                    "give its duration in s"
-                )
+        if told := unrelaxed_phase(self.case, duration[0]):
+            raise SolverError(f"{self.case.source}: {told}")
         return duration
 
     def start(self) -> State:

@@ -1,7 +1,8 @@
 """Models of one case beside each other: how far the simpler ones are from the fullest one.
 
-In each phase the histories of the global strain are compared; where the piston's displacement is prescribed
-they are the same by definition, and those of its pressure are compared instead.
+In each phase histories are compared: of a column the global strain, of a block the displacement of its probe along
+the axis on which it moves most. Where the displacement of the piston or of an edge is prescribed they are the same by
+definition, and those of its pressure are compared instead.
 """
 
 from __future__ import annotations
@@ -10,25 +11,33 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 from scipy.interpolate import PchipInterpolator
 
-from fvswell.case import MODELS, Case, CaseError
+from fvswell.case import MODELS, BlockCase, Case, CaseError
+from fvswell.case_block_schema import EDGES
 from fvswell.case_errors import Problem
+from fvswell.moved_grid import AXES, is_block
 from fvswell.predictor import coefficient_of_determination
 from fvswell.relaxation import phase_durations
 from fvswell.simulation import run
 from fvswell.tissue import Array
 
+if TYPE_CHECKING:
+    from fvswell.case_block_schema import BlockPhase
+
 __all__ = [
+    "BlockDifference",
+    "ColumnDifference",
     "Comparison",
     "Difference",
     "common_times",
     "compare",
     "compare_results",
+    "compared_quantities",
     "history_at",
     "local_strain",
     "phase_histories",
@@ -47,16 +56,32 @@ class Difference:
 
     phase: str
     model: str
-    quantity: str  # that the histories are of: global_strain, or applied_pressure (MPa)
+    quantity: str  # that the histories are of, in the unit that `fvswell.fields` tells
     r_squared: float  # 1 - sum of squared differences/sum of squares of the reference about its mean
     largest: float  # of the quantity, with its sign
     time: float  # of the largest, s since the run began
     time_in_phase: float  # the same since the phase began
     local_strain: float  # largest in magnitude at that time, with its sign
     local_strain_ratio: float  # over the reference's local strain there, in magnitude
+
+
+@dataclass(frozen=True)
+class ColumnDifference(Difference):
+    """A model of a column less the reference in one phase."""
+
     depth: float  # of the largest local one, mm from the filter in the stress-free solid
     equilibrium_strain: float  # of the model at rest under the loads that the phase ends with
     reference_equilibrium_strain: float
+
+
+@dataclass(frozen=True)
+class BlockDifference(Difference):
+    """A model of a block less the reference in one phase."""
+
+    x: float  # of the largest local one, mm in the stress-free solid
+    y: float
+    final: float  # the quantity of the model at the end of the phase
+    reference_final: float
 
 
 @dataclass(frozen=True)
@@ -157,30 +182,70 @@ def compare_results(results: Mapping[str, xr.Dataset]) -> Comparison:
     base = results[reference]
     case = Case.from_toml(base.attrs["case_toml"])
     spans = pairwise([0.0, *base["phase_end"].values])
-    differences = []
-    for index, (phase, (start, end)) in enumerate(zip(case.phase, spans, strict=True)):
-        quantity = "global_strain" if phase.piston_displacement is None else "applied_pressure"
+    quantities = compared_quantities(case, base)
+    differences: list[Difference] = []
+    for index, (phase, quantity, (start, end)) in enumerate(zip(case.phase, quantities, spans, strict=True)):
         at, histories = phase_histories(results, quantity, start, end)
         for model in results:
             if model == reference:
                 continue
             own, data = histories[model], histories[reference]
             farthest = int(np.argmax(np.abs(own - data)))
-            differences.append(
-                Difference(
-                    phase=phase.name,
-                    model=model,
-                    quantity=quantity,
-                    r_squared=float(coefficient_of_determination(data, own)),
-                    largest=float(own[farthest] - data[farthest]),
-                    time=float(at[farthest]),
-                    time_in_phase=float(at[farthest] - start),
-                    **_local_difference(results[model], base, float(at[farthest])),
-                    equilibrium_strain=float(results[model]["equilibrium_strain"][index]),
-                    reference_equilibrium_strain=float(base["equilibrium_strain"][index]),
-                )
-            )
+            time = float(at[farthest])
+            cell, local = _local_difference(results[model], base, time)
+            common = {
+                "phase": phase.name,
+                "model": model,
+                "quantity": quantity,
+                "r_squared": float(coefficient_of_determination(data, own)),
+                "largest": float(own[farthest] - data[farthest]),
+                "time": time,
+                "time_in_phase": time - start,
+                **local,
+            }
+            if is_block(base):
+                place = {axis: float(base[f"face_{axis}"][cell]) for axis in AXES}
+                ends = {"final": float(own[-1]), "reference_final": float(data[-1])}
+                differences.append(BlockDifference(**common, **place, **ends))
+            else:
+                rest = {
+                    "equilibrium_strain": float(results[model]["equilibrium_strain"][index]),
+                    "reference_equilibrium_strain": float(base["equilibrium_strain"][index]),
+                }
+                differences.append(ColumnDifference(**common, depth=float(base["x"][cell]), **rest))
     return Comparison(reference, dict(results), tuple(differences))
+
+
+def compared_quantities(case: Case, result: xr.Dataset) -> list[str]:
+    """Name of the history that models are compared by in each phase.
+
+    Parameters
+    ----------
+    case
+        That was run.
+    result
+        Of the reference.
+    """
+    if not isinstance(case, BlockCase):
+        return ["global_strain" if phase.piston_displacement is None else "applied_pressure" for phase in case.phase]
+    names = [f"probe_displacement_{axis}" for axis in AXES]
+    probe = max(names, key=lambda name: float(np.ptp(result[name].values)))
+    quantities, moved_edge = [], None
+    for phase in case.phase:
+        moved_edge = _moved_edge(phase, moved_edge)
+        quantities.append(probe if moved_edge is None else f"{moved_edge}_pressure")
+    return quantities
+
+
+def _moved_edge(phase: BlockPhase, before: str | None) -> str | None:
+    """The edge whose displacement is prescribed in a phase, if any; one that is not named goes on."""
+    for edge in EDGES:
+        load = getattr(phase, edge)
+        if load is not None and load.displacement is not None:
+            return edge
+        if load is not None and edge == before:
+            return None
+    return before
 
 
 def phase_histories(
@@ -192,16 +257,12 @@ def phase_histories(
     return at, {name: history_at(times[name], result[quantity].values, start, at) for name, result in results.items()}
 
 
-def _local_difference(result: xr.Dataset, base: xr.Dataset, time: float) -> dict[str, float]:
-    """Largest difference of the local strain at a time, by the names of `Difference`."""
+def _local_difference(result: xr.Dataset, base: xr.Dataset, time: float) -> tuple[int, dict[str, float]]:
+    """Cell with the largest difference of the local strain at a time, and that by the names of `Difference`."""
     own, reference = (profile_at(r["time"].values, local_strain(r), time) for r in (result, base))
     cell = int(np.argmax(np.abs(own - reference)))
     gap, whole = float(own[cell] - reference[cell]), float(reference[cell])
-    return {
-        "local_strain": gap,
-        "local_strain_ratio": abs(gap / whole) if whole else np.nan,
-        "depth": float(base["x"][cell]),
-    }
+    return cell, {"local_strain": gap, "local_strain_ratio": abs(gap / whole) if whole else np.nan}
 
 
 def common_times(times: Sequence[Array], start: float, end: float) -> Array:

@@ -9,7 +9,9 @@ import numpy as np
 from fvswell.time_stepping import State, Step
 from fvswell.tissue import Array
 
-__all__ = ["ConservationBooks"]
+__all__ = ["LARGEST_IMBALANCE", "ConservationBooks"]
+
+LARGEST_IMBALANCE = 1e-8  # of what crossed the boundary: beyond it a result is refused
 
 _ROUNDING_SCALE = 1e-4  # of the content: at rest, where nothing crosses, rounding is told relative to this
 

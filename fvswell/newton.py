@@ -6,6 +6,7 @@ hold up the others, and a row takes the same iterates as it would alone.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,8 @@ __all__ = ["ColumnSystem"]
 _MAX_ITERATIONS = 25
 _MAX_HALVINGS = 8
 _UPDATE = 1e-9  # change of an unknown (strain, ln c~, psi~) below which the next one would be rounding
+_NEAR = 1e-6  # change of an unknown so close to the solution that Newton's step is taken whole
+_ROUNDING = 1e-12  # change of an unknown that is rounding already: no balance can be closed better
 _IMBALANCE = 1e-11  # of the largest change of content in a cell: converged whatever the last update was
 _UNBALANCED = 1e-9  # of a cell's content: never accepted above
 _LARGEST_CHANGE = 2.0  # of ln c~ or psi~ in one iteration
@@ -83,7 +86,8 @@ class ColumnSystem:
         for iteration in range(1, _MAX_ITERATIONS + 1):
             size = iterate.advance()
             iterate.store(solution, active, iteration)
-            settled = (size < _UPDATE) & (iterate.norm < _UNBALANCED) | (iterate.norm < _IMBALANCE * iterate.change)
+            balanced = (iterate.norm < _UNBALANCED) | (size < _ROUNDING)
+            settled = (size < _UPDATE) & balanced | (iterate.norm < _IMBALANCE * iterate.change)
             solution.converged[active[settled]] = True
             going = ~settled & np.isfinite(iterate.norm)
             if not going.any():
@@ -107,16 +111,30 @@ class _Iterate:
         self._evaluate()
 
     def rows(self, index: Array) -> _Iterate:
+        """The iterate of a subset of the rows, as it stands."""
+        part = copy(self)
         base, duration, prescribed = self.stage
-        return _Iterate(
-            self.term.rows(index), self.unknowns[:, index], {"pressure": self.pressure[index]},
-            Stage(base[:, index], duration[index], {name: value[index] for name, value in prescribed.items()}),
-        )  # fmt: skip
+        part.stage = Stage(base[:, index], duration[index], {name: value[index] for name, value in prescribed.items()})
+        part.term, part.interval, part.current = (
+            self.term.rows(index),
+            self.interval.rows(index),
+            self.current.rows(index),
+        )
+        for name in ("unknowns", "scale", "residual"):
+            setattr(part, name, getattr(self, name)[:, index])
+        for name in ("held", "pressure", "missed", "norm", "change"):
+            setattr(part, name, getattr(self, name)[index])
+        return part
+
+    def _put(self, index: Array, part: _Iterate) -> None:
+        """Take over a subset of the rows from an iterate of just those."""
+        self.current.put(index, part.current)
+        for name in ("unknowns", "residual"):
+            getattr(self, name)[:, index] = getattr(part, name)
+        for name in ("pressure", "missed", "norm", "change"):
+            getattr(self, name)[index] = getattr(part, name)
 
     def _evaluate(self) -> None:
-        if self.held.any():
-            loads = self.interval.loads._replace(applied_pressure=self.pressure[:, None])
-            self.interval = self.interval._replace(loads=loads)
         with np.errstate(all="ignore"):  # a trial state may overflow: its norm is then not finite
             self.current = self.term.balance(self.unknowns, self.interval)
             self.residual = self.current.residual / (self.scale * self.term.grid.widths)
@@ -140,19 +158,29 @@ class _Iterate:
         """One damped Newton update; returns its size in each row (largest change of an unknown)."""
         step, pressure_step = self._newton_step()
         fraction = self._admissible_fraction(step)
-        # balances that hold where the piston has not come to its place say nothing of the way there
-        before = np.where(self.missed > _UNBALANCED, np.inf, self.norm)
-        start, start_pressure = self.unknowns, self.pressure
         size = np.abs(step).max(axis=(0, 2))
+        # balances that hold where the piston has not come to its place say nothing of the way there; and close to the
+        # solution they are rounding
+        whole = (self.missed > _UNBALANCED) | (size < _NEAR)
+        before, start, start_pressure = np.where(whole, np.inf, self.norm), self.unknowns, self.pressure
+        self._move_to(start + fraction[:, None] * step, start_pressure + fraction * pressure_step)
         for _ in range(_MAX_HALVINGS):
-            self.unknowns = start + fraction[:, None] * step
-            self.pressure = start_pressure + fraction * pressure_step
-            self._evaluate()
-            worse = ~(self.norm <= np.maximum(before, _UNBALANCED))
-            if not worse.any():
+            worse = np.flatnonzero(~(self.norm <= np.maximum(before, _UNBALANCED)))
+            if not len(worse):
                 break
-            fraction = np.where(worse, 0.5 * fraction, fraction)
+            fraction[worse] *= 0.5
+            shorter, shorter_pressure = fraction[worse, None] * step[:, worse], fraction[worse] * pressure_step[worse]
+            part = self.rows(worse)
+            part._move_to(start[:, worse] + shorter, start_pressure[worse] + shorter_pressure)
+            self._put(worse, part)
         return size
+
+    def _move_to(self, unknowns: Array, pressure: Array) -> None:
+        self.unknowns, self.pressure = unknowns, pressure
+        if self.held.any():
+            loads = self.interval.loads._replace(applied_pressure=pressure[:, None])
+            self.interval = self.interval._replace(loads=loads)
+        self._evaluate()
 
     def _newton_step(self) -> tuple[Array, Array]:
         step, response = self.term.newton_step(self.unknowns, self.interval, self.current, bool(self.held.any()))

@@ -18,7 +18,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from fvswell.case_errors import nearest_name
-from fvswell.comparison import Comparison, local_strain, profile_at
+from fvswell.comparison import Comparison, Difference, local_strain, profile_at
 from fvswell.errors import OutputError
 from fvswell.fields import FIELDS
 from fvswell.tissue import Array
@@ -29,24 +29,33 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FORMATS",
+    "LABEL_WIDTH",
+    "MOST_COLUMNS",
+    "PAGE_WIDTH",
+    "Line",
     "axis_label",
     "chosen_times",
     "chosen_variables",
     "comparison_figure",
+    "draw_gaps",
+    "draw_histories",
     "in_print_style",
     "line_styles",
+    "nearest_model",
+    "print_unit",
     "result_figure",
     "result_labels",
     "save_figure",
+    "time_unit",
 ]
 
 FORMATS = (".png", ".pdf", ".svg")
 
-_WIDTH = 180.0 / 25.4  # inches: two columns of a journal page
+PAGE_WIDTH = 180.0 / 25.4  # inches: two columns of a journal page
 _DEFAULT_VARIABLES = ("volume_ratio", "fluid_pressure", "anion_concentration")
 _DEFAULT_TIMES = (0.02, 0.1, 0.5)  # of the first phase
-_MOST_COLUMNS = 4
-_LABEL_WIDTH = 22  # letters that fit beside a panel
+MOST_COLUMNS = 4
+LABEL_WIDTH = 22  # letters that fit beside a panel
 _DEPTH_LABEL = "distance from filter (mm)"
 _PRINT_STYLE: dict[Any, Any] = {
     "font.family": "sans-serif",
@@ -72,24 +81,26 @@ _PRINT_STYLE: dict[Any, Any] = {
 }
 
 
-class _Line(NamedTuple):
+class Line(NamedTuple):
+    """Colour and style of a curve."""
+
     color: str
     style: Any
 
 
 _MODEL_LINES = {
-    "electrochemical": _Line("#0072B2", "-"),
-    "biphasic-swelling": _Line("#D55E00", (0, (4, 1.5))),
-    "biphasic": _Line("#009E73", (0, (1, 1.2))),
+    "electrochemical": Line("#0072B2", "-"),
+    "biphasic-swelling": Line("#D55E00", (0, (4, 1.5))),
+    "biphasic": Line("#009E73", (0, (1, 1.2))),
 }
 _OTHER_LINES = (
-    _Line("#0072B2", "-"),
-    _Line("#D55E00", (0, (4, 1.5))),
-    _Line("#009E73", (0, (1, 1.2))),
-    _Line("#CC79A7", (0, (6, 1.5, 1, 1.5))),
-    _Line("#000000", "-"),
-    _Line("#E69F00", (0, (4, 1.5))),
-    _Line("#56B4E9", (0, (1, 1.2))),
+    Line("#0072B2", "-"),
+    Line("#D55E00", (0, (4, 1.5))),
+    Line("#009E73", (0, (1, 1.2))),
+    Line("#CC79A7", (0, (6, 1.5, 1, 1.5))),
+    Line("#000000", "-"),
+    Line("#E69F00", (0, (4, 1.5))),
+    Line("#56B4E9", (0, (1, 1.2))),
 )
 _PRINT_UNITS = {  # unit in the file: factor, unit in print
     "N mm-2": (1.0, "MPa"),
@@ -126,12 +137,12 @@ def result_figure(results: Mapping[str, xr.Dataset], times: Sequence[float], var
         Fields in cells or at nodes.
     """
     columns = max(len(times), 1)
-    figure = Figure(figsize=(_WIDTH, 2.1 + 1.55 * len(variables)), layout="constrained")
+    figure = Figure(figsize=(PAGE_WIDTH, 2.1 + 1.55 * len(variables)), layout="constrained")
     grid = figure.add_gridspec(1 + len(variables), columns, height_ratios=[1.35] + [1.0] * len(variables))
     lines = line_styles(results)
     top = figure.add_subplot(grid[0, :])
-    _draw_histories(top, results, lines)
-    scale, unit = _time_unit(results)
+    draw_histories(top, results, lines)
+    scale, unit = time_unit(results)
     for at in times:
         top.axvline(at * scale, color="0.75", linewidth=0.6, zorder=0)
     first: Axes | None = None
@@ -147,7 +158,7 @@ def result_figure(results: Mapping[str, xr.Dataset], times: Sequence[float], var
                 axes.set_title(f"$t$ = {at * scale:.4g} {unit}")
             axes.tick_params(labelleft=column == 0, labelbottom=row == len(variables))
             if column == 0:
-                axes.set_ylabel(fill(axis_label(variable), _LABEL_WIDTH))
+                axes.set_ylabel(fill(axis_label(variable), LABEL_WIDTH))
             if row == len(variables):
                 axes.set_xlabel(_DEPTH_LABEL)
     figure.align_ylabels()
@@ -158,23 +169,22 @@ def result_figure(results: Mapping[str, xr.Dataset], times: Sequence[float], var
 def comparison_figure(comparison: Comparison) -> Figure:
     """Histories of the models, how far they are from the reference, and local strains where that is most.
 
-    The time of the local strains is that of the largest difference of the nearest of the other models, the one
-    whose use is in question.
+    The time of the local strains is that of the largest difference of the nearest of the other models.
     """
     results = comparison.results
-    phases = comparison.phases[:_MOST_COLUMNS]
-    figure = Figure(figsize=(_WIDTH, 4.9), layout="constrained")
+    phases = comparison.phases[:MOST_COLUMNS]
+    figure = Figure(figsize=(PAGE_WIDTH, 4.9), layout="constrained")
     grid = figure.add_gridspec(2, 2 * len(phases))
     lines = line_styles(results)
     histories = figure.add_subplot(grid[0, : len(phases)])
-    _draw_histories(histories, results, lines, comparison.quantity)
-    _draw_gaps(figure.add_subplot(grid[0, len(phases) :]), comparison, lines)
-    scale, unit = _time_unit(results)
+    draw_histories(histories, results, lines, comparison.quantity)
+    draw_gaps(figure.add_subplot(grid[0, len(phases) :]), comparison, lines)
+    scale, unit = time_unit(results)
     shared: Axes | None = None
     for column, phase in enumerate(phases):
         axes = figure.add_subplot(grid[1, 2 * column : 2 * column + 2], sharey=shared)
         shared = shared or axes
-        nearest = max(comparison.of_phase(phase), key=lambda each: np.nan_to_num(each.r_squared, nan=-np.inf))
+        nearest = nearest_model(comparison, phase)
         for label, result in results.items():
             profile = profile_at(result["time"].values, local_strain(result), nearest.time)
             _draw_over_depth(axes, result, "x", profile, lines[label])
@@ -188,7 +198,7 @@ def comparison_figure(comparison: Comparison) -> Figure:
     return figure
 
 
-def line_styles(results: Mapping[str, xr.Dataset]) -> dict[str, _Line]:
+def line_styles(results: Mapping[str, xr.Dataset]) -> dict[str, Line]:
     """A line for each result: that of its model if all models differ, else in order."""
     models = [result.attrs["model"] for result in results.values()]
     if len(set(models)) == len(models):
@@ -212,7 +222,7 @@ def result_labels(paths: Sequence[Path], results: Sequence[xr.Dataset]) -> list[
 
 
 def chosen_variables(results: Mapping[str, xr.Dataset], names: Sequence[str] | None) -> list[str]:
-    """Fields to draw over the depth: those asked for, or the usual ones.
+    """Fields to draw over the depth or the grid: those asked for, or the usual ones.
 
     Raises
     ------
@@ -231,7 +241,7 @@ def chosen_variables(results: Mapping[str, xr.Dataset], names: Sequence[str] | N
         if name not in known:
             near = nearest_name(name, known)
             hint = f"did you mean {near}?" if near else f"there are {', '.join(known)}"
-            problems.append(f"variable {name}: is not over the depth in these results; {hint}")
+            problems.append(f"variable {name}: is no field of these results; {hint}")
     if problems:
         raise OutputError("\n".join(problems))
     return list(names)
@@ -289,25 +299,32 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 def axis_label(variable: str) -> str:
     """Name of a field with its unit in print."""
-    name, unit = variable.replace("_", " "), _print_unit(variable)[1]
+    name, unit = variable.replace("_", " "), print_unit(variable)[1]
     return f"{name} ({unit})" if unit else name
 
 
-def _print_unit(variable: str) -> tuple[float, str]:
+def print_unit(variable: str) -> tuple[float, str]:
+    """Factor from the unit of a field in the file to its unit in print, and that unit."""
     unit = FIELDS[variable].units
     return _PRINT_UNITS.get(unit, (1.0, "" if unit == "1" else unit))
 
 
-def _time_unit(results: Mapping[str, xr.Dataset]) -> tuple[float, str]:
+def nearest_model(comparison: Comparison, phase: str) -> Difference:
+    """Difference of the model that follows the reference best in a phase, the one whose use is in question."""
+    return max(comparison.of_phase(phase), key=lambda each: np.nan_to_num(each.r_squared, nan=-np.inf))
+
+
+def time_unit(results: Mapping[str, xr.Dataset]) -> tuple[float, str]:
     """Factor and unit that keep times readable."""
     end = max(float(result["time"][-1]) for result in results.values())
     return (1.0, "s") if end < 2e4 else (1.0 / 3600.0, "h")
 
 
-def _draw_histories(
-    axes: Axes, results: Mapping[str, xr.Dataset], lines: Mapping[str, _Line], variable: str = "global_strain"
+def draw_histories(
+    axes: Axes, results: Mapping[str, xr.Dataset], lines: Mapping[str, Line], variable: str = "global_strain"
 ) -> None:
-    scale, unit = _time_unit(results)
+    """Draw a quantity of each result against time."""
+    scale, unit = time_unit(results)
     for label, result in results.items():
         _plot(axes, result["time"].values * scale, result[variable].values, lines[label], label)
     axes.set(xlabel=f"time ({unit})", ylabel=axis_label(variable))
@@ -315,8 +332,9 @@ def _draw_histories(
     axes.legend()
 
 
-def _draw_gaps(axes: Axes, comparison: Comparison, lines: Mapping[str, _Line]) -> None:
-    scale, unit = _time_unit(comparison.results)
+def draw_gaps(axes: Axes, comparison: Comparison, lines: Mapping[str, Line]) -> None:
+    """Draw how far the models are above the reference against time."""
+    scale, unit = time_unit(comparison.results)
     for model in comparison.results:
         if model != comparison.reference:
             time, gap = comparison.gap(model)
@@ -328,17 +346,17 @@ def _draw_gaps(axes: Axes, comparison: Comparison, lines: Mapping[str, _Line]) -
     axes.legend()
 
 
-def _draw_profile(axes: Axes, result: xr.Dataset, variable: str, at: float, line: _Line) -> None:
+def _draw_profile(axes: Axes, result: xr.Dataset, variable: str, at: float, line: Line) -> None:
     position = "x" if FIELDS[variable].location == "cell" else "x_node"
-    values = profile_at(result["time"].values, result[variable].values, at) * _print_unit(variable)[0]
+    values = profile_at(result["time"].values, result[variable].values, at) * print_unit(variable)[0]
     _draw_over_depth(axes, result, position, values, line)
 
 
-def _draw_over_depth(axes: Axes, result: xr.Dataset, position: str, values: Array, line: _Line) -> None:
+def _draw_over_depth(axes: Axes, result: xr.Dataset, position: str, values: Array, line: Line) -> None:
     _plot(axes, result[position].values, values, line)
     axes.set_xlim(0.0, float(result["x_node"][-1]))
 
 
-def _plot(axes: Axes, x: Array, y: Array, line: _Line, label: str | None = None) -> None:
+def _plot(axes: Axes, x: Array, y: Array, line: Line, label: str | None = None) -> None:
     # broken lines over full ones, so that both are seen where they agree
     axes.plot(x, y, color=line.color, linestyle=line.style, label=label, zorder=2.0 if line.style == "-" else 3.0)

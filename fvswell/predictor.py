@@ -7,8 +7,8 @@ ones between those states of rest. What earlier phases have left unfinished is s
 For small changes this is exact. For large ones the state linearised about stands for all those passed through. Water
 and salt enter and leave through the tissue at the filter, which is in its new state at once, so it should lie nearer
 to the end of the way: Crank (1975, The Mathematics of Diffusion) averages a diffusivity that varies with the
-concentration by weights whose mean lies at 0.63 to 0.65 of the way. In a column that deforms, 0.75 predicts best
-(docs/studies.md); that is all that was ever fitted.
+concentration by weights whose mean lies at 0.63 to 0.65 of the way. In a column that deforms, what predicts best was
+found by a study (docs/studies.md); that is all that was ever fitted.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from fvswell.exact.linear_swelling import LinearColumn
 from fvswell.models import BIPHASIC_SWELLING, ELECTROCHEMICAL, Mixture
 from fvswell.tissue import Array, Tissue
 
-__all__ = ["LINEARISED_AT", "Conditions", "Prediction", "coefficient_of_determination", "predict"]
+__all__ = ["LINEARISED_AT", "Conditions", "Prediction", "coefficient_of_determination", "kind_of_change", "predict"]
 
-LINEARISED_AT = 0.75
+LINEARISED_AT = (0.8, 0.65, 0.85)  # share of the way from rest to rest, by kind_of_change; where that is -1, the last
 
 _RELAXED_FRACTION = 0.99
 _RELAXATION_TIMES = 1.5
@@ -99,7 +99,7 @@ def predict(
     height: Array | float,
     bath_osmotic_coefficient: Array | float,
     conditions: Sequence[Conditions],
-    linearised_at: Array | float = LINEARISED_AT,
+    linearised_at: Array | float | None = None,
     phase_duration: Array | float = np.nan,
     open_circuit_ratio: Array | None = None,
     relaxation_times: Array | float = _RELAXATION_TIMES,
@@ -120,7 +120,7 @@ def predict(
         Those that the column is equilibrated with, and then those of each phase.
     linearised_at
         State that each phase is linearised about, on the way from the rest before it (0) to the rest after it (1);
-        a number or ``(rows, phases)``. J and ln c~ are interpolated.
+        a number or ``(rows, phases)``; None takes ``LINEARISED_AT``. J and ln c~ are interpolated.
     phase_duration
         Duration of the phases, s, a number or ``(rows, phases)``; nan takes ``relaxation_times`` times the
         relaxation time of the biphasic-swelling model.
@@ -139,6 +139,9 @@ def predict(
     rests, steps = _states_of_rest(mixtures[1], conditions)
     first, phases = rests[0][0], len(conditions) - 1
     shape = (len(first), phases)
+    if linearised_at is None:
+        kinds = [np.broadcast_to(kind_of_change(*pair), (shape[0], 1)) for pair in pairwise(conditions)]
+        linearised_at = np.array(LINEARISED_AT)[np.concatenate(kinds, axis=1)]
     share, given, times = (np.broadcast_to(a, shape) for a in (linearised_at, phase_duration, relaxation_times))
     fractions = np.arange(1, steps_per_phase + 1) / steps_per_phase
     duration = np.empty(shape)
@@ -166,6 +169,14 @@ def predict(
         reduced_diffusivity=np.stack([reduced for reduced, _ in diffusivities], axis=1),
         flows_backward_first=backward,
     )
+
+
+def kind_of_change(before: Conditions, after: Conditions) -> Array:
+    """0 where only the pressure changes and rises, 1 where it falls, 2 where only the bath changes, else -1."""
+    pressure = np.sign(np.asarray(after.piston_pressure) - before.piston_pressure)
+    bath = np.asarray(after.bath_concentration) != before.bath_concentration
+    compression = np.where(pressure > 0.0, 0, np.where(pressure < 0.0, 1, -1))
+    return np.where(bath, np.where(pressure == 0.0, 2, -1), compression)
 
 
 def coefficient_of_determination(data: Array, model: Array) -> Array:

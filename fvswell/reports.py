@@ -7,11 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fvswell.case import Case
+from fvswell.case import BlockCase, Case
+from fvswell.case_block_schema import EDGES, EdgeLoad
 from fvswell.case_reading import value_type
-from fvswell.case_values import DepthProfile, Ramp, RelaxationTimes
+from fvswell.case_values import DepthProfile, PlaneProfile, Ramp, RelaxationTimes
+from fvswell.comparison import BlockDifference, ColumnDifference
 from fvswell.console import TextTable, percent
 from fvswell.fields import FIELDS
+from fvswell.moved_grid import AXES, is_block
 from fvswell.results import COMPLETE
 
 if TYPE_CHECKING:
@@ -50,12 +53,21 @@ def case_lines(case: Case, models: str | None = None) -> list[str]:
     return [
         case.title,
         f"  model     {models or case.model}",
-        f"  geometry  {_table(case.geometry)}",
+        f"  geometry  {_table(case.geometry, without='edges')}",
+        *_edge_lines(case),
         f"  tissue    {case.tissue.solid}, {tissue}",
         f"  bath      {_table(case.bath)}",
         *(f"  phase     {phase.name}: {_table(phase, without='name')}" for phase in case.phase),
         f"  time      {_table(case.time, without='relaxation_fraction')}",
     ]
+
+
+def _edge_lines(case: Case) -> list[str]:
+    if not isinstance(case, BlockCase):
+        return []
+    edges = [(name, getattr(case.geometry.edges, name)) for name in EDGES]
+    told = [f"{name} {edge.displacement}{', open to the bath' if edge.permeable else ''}" for name, edge in edges]
+    return [f"  edges     {'; '.join(told)}"]
 
 
 def duration_line(case: Case, phase_ends: Sequence[float]) -> str:
@@ -67,12 +79,12 @@ def duration_line(case: Case, phase_ends: Sequence[float]) -> str:
 
 def characteristics_table(case: Case, numbers: Characteristics) -> tuple[TextTable, list[str]]:
     """Derived numbers of a case: states at rest of the models, and what is the same for all."""
-    rows = [
-        [model, "-" if np.isnan(rest.initial_stretch) else f"{rest.initial_stretch:.6f}"]
-        + [percent(strain) for strain in rest.equilibrium_strain]
-        for model, rest in numbers.rest.items()
-    ]
-    header = ["model at rest", "J0", *(f"strain, {phase.name}" for phase in case.phase)]
+    block = isinstance(case, BlockCase)
+    rows = []
+    for model, rest in numbers.rest.items():
+        ratios = [rest.initial_stretch] + ([rest.initial_volume_ratio] if block else [])
+        told = ["-" if np.isnan(ratio) else f"{ratio:.6f}" for ratio in ratios]
+        rows.append([model, *told, *(percent(strain) for strain in rest.equilibrium_strain)])
     low, high = numbers.open_circuit_ratio
     ratio = f"{low:.4f}" if high - low < 1e-9 else f"{low:.4f} to {high:.4f}"
     lines = [
@@ -80,25 +92,49 @@ def characteristics_table(case: Case, numbers: Characteristics) -> tuple[TextTab
         f"consolidation time h^2/(k H): {numbers.consolidation_time:.4g} s",
         f"diffusion time of the salt h^2/D: {numbers.diffusion_time:.4g} s",
     ]
+    if block:
+        lines.append(f"h: the farthest way to the bath in the equilibrated sample, {numbers.drainage_length:.4g} mm")
+        title = "States at rest in the first bath, without load, over the stress-free solid"
+        return TextTable(title, ["model at rest", "mean height", "volume"], rows), lines
+    header = ["model at rest", "J0", *(f"strain, {phase.name}" for phase in case.phase)]
     title = "States at rest (J0: height of the equilibrated sample over that of the stress-free solid)"
     return TextTable(title, header, rows), lines
 
 
 def phase_table(result: xr.Dataset, case: Case) -> TextTable:
-    """Strain at the end of each phase and at rest; of a stopped run as far as it came."""
+    """Strain at the end of each phase, of a stopped run as far as it came.
+
+    Beside it of columns the strain at rest, of blocks the displacement of the probe.
+    """
+    block = is_block(result)
+    strain, ends = result["global_strain"].values, result["phase_end"].values
     rows = []
-    time, strain = result["time"].values, result["global_strain"].values
-    ends = result["phase_end"].values
-    for phase, end, rest in zip(case.phase, ends, result["equilibrium_strain"].values, strict=True):
-        within = np.flatnonzero((time <= end * (1.0 + _SAME_TIME)) & (time > 0.0))
-        last = within[-1] if within.size else 0
-        began = end == ends[0] or time[last] > ends[np.searchsorted(ends, end) - 1] * (1.0 + _SAME_TIME)
-        told = percent(strain[last]) if began else "-"
-        if began and time[last] < end * (1.0 - _SAME_TIME):
-            told += f" at {time[last]:.5g} s"
-        rows.append([phase.name, f"{end:.5g}", told, percent(rest)])
+    for index, (phase, end) in enumerate(zip(case.phase, ends, strict=True)):
+        last, stopped = _last_output(result, index)
+        row = [phase.name, f"{end:.5g}", "-" if last is None else percent(strain[last]) + stopped]
+        if block:
+            probe = [result[f"probe_displacement_{axis}"].values for axis in AXES]
+            row += ["-" if last is None else f"{round(float(values[last]), 12) + 0.0:+.5g}" for values in probe]
+        else:
+            row.append(percent(result["equilibrium_strain"].values[index]))
+        rows.append(row)
     title = f"Global strain, {result.attrs['model']}"
-    return TextTable(title, ["phase", "end (s)", "strain at the end", "strain at rest"], rows)
+    header = ["phase", "end (s)", "strain at the end"]
+    if not block:
+        return TextTable(title, [*header, "strain at rest"], rows)
+    x, y = result["probe"].values
+    title = f"Global strain and displacement of the probe at x = {x:.4g} mm, y = {y:.4g} mm, {result.attrs['model']}"
+    return TextTable(title, [*header, "probe x (mm)", "probe y (mm)"], rows)
+
+
+def _last_output(result: xr.Dataset, phase: int) -> tuple[int | None, str]:
+    """Index of the last output in a phase, None if the phase did not begin, and where the run stopped in it."""
+    time, ends = result["time"].values, result["phase_end"].values
+    within = np.flatnonzero((time <= ends[phase] * (1.0 + _SAME_TIME)) & (time > 0.0))
+    last = int(within[-1]) if within.size else 0
+    if phase > 0 and time[last] <= ends[phase - 1] * (1.0 + _SAME_TIME):
+        return None, ""
+    return last, f" at {time[last]:.5g} s" if time[last] < ends[phase] * (1.0 - _SAME_TIME) else ""
 
 
 def effort_lines(result: xr.Dataset) -> list[str]:
@@ -143,32 +179,40 @@ def content_table(result: xr.Dataset) -> TextTable:
 
 
 def comparison_tables(comparison: Comparison) -> list[TextTable]:
-    """Differences of the models in each phase, and where they come to rest."""
-    tables = []
-    for phase in comparison.phases:
-        rows = [
-            [
-                difference.model,
-                "-" if np.isnan(difference.r_squared) else f"{difference.r_squared:.5f}",
-                _amount(difference.largest, difference.quantity),
-                f"{difference.time_in_phase:.4g}",
-                percent(difference.local_strain),
-                f"{100.0 * difference.local_strain_ratio:.2f} %",
-                f"{difference.depth:.3g}",
-                percent(difference.equilibrium_strain),
-            ]
-            for difference in comparison.of_phase(phase)
+    """Differences of the models in each phase, and where they come to rest, or end."""
+    return [_comparison_table(comparison, phase) for phase in comparison.phases]
+
+
+def _comparison_table(comparison: Comparison, phase: str) -> TextTable:
+    differences = comparison.of_phase(phase)
+    quantity = differences[0].quantity
+    header = ["model", "R^2", "largest", "after (s)", "local", "of local"]
+    rows, rest = [], ""
+    for difference in differences:
+        row = [
+            difference.model,
+            "-" if np.isnan(difference.r_squared) else f"{difference.r_squared:.5f}",
+            _amount(difference.largest, quantity),
+            f"{difference.time_in_phase:.4g}",
+            percent(difference.local_strain),
+            f"{100.0 * difference.local_strain_ratio:.2f} %",
         ]
-        first = comparison.of_phase(phase)[0]
-        rest = percent(first.reference_equilibrium_strain)
-        rows.append([f"{comparison.reference} (reference)", *["" for _ in range(6)], rest])
-        header = ["model", "R^2", "largest", "after (s)", "local", "of local", "depth (mm)", "at rest"]
-        tables.append(TextTable(f"Phase {phase}: difference of the {_words(first.quantity)}", header, rows))
-    return tables
+        if isinstance(difference, BlockDifference):
+            places = ["at x, y (mm)", "at the end"]
+            row += [f"{difference.x:.3g}, {difference.y:.3g}", _amount(difference.final, quantity)]
+            rest = _amount(difference.reference_final, quantity)
+        elif isinstance(difference, ColumnDifference):
+            places = ["depth (mm)", "at rest"]
+            row += [f"{difference.depth:.3g}", percent(difference.equilibrium_strain)]
+            rest = percent(difference.reference_equilibrium_strain)
+        rows.append(row)
+    rows.append([f"{comparison.reference} (reference)", *["" for _ in header], rest])
+    return TextTable(f"Phase {phase}: difference of the {_words(quantity)}", header + places, rows)
 
 
 def _amount(value: float, quantity: str) -> str:
-    return percent(value) if FIELDS[quantity].units == "1" else f"{value:+.4g} MPa"
+    units = FIELDS[quantity].units
+    return percent(value) if units == "1" else f"{value:+.4g} {'MPa' if units == 'N mm-2' else units}"
 
 
 def _dimensions(variable: Any) -> str:
@@ -178,9 +222,14 @@ def _dimensions(variable: Any) -> str:
 def _table(table: BaseModel, without: str = "") -> str:
     """All keys of a table that are given, on a line."""
     keys = [key for key in type(table).model_fields if key != without and getattr(table, key) is not None]
-    return ", ".join(
-        _value(table, key) if key in ("kind", "scheme") else f"{_words(key)} {_value(table, key)}" for key in keys
-    )
+    told = []
+    for key in keys:
+        value = getattr(table, key)
+        if isinstance(value, EdgeLoad):
+            told.append(f"{key} {_table(value)}")
+        else:
+            told.append(_value(table, key) if key in ("kind", "scheme") else f"{_words(key)} {_value(table, key)}")
+    return ", ".join(told)
 
 
 def _words(key: str) -> str:
@@ -194,10 +243,15 @@ def _value(table: BaseModel, key: str) -> str:
     unit = reader.unit if reader is not None else ""
     if isinstance(value, DepthProfile):
         return f"{_quantity(min(value.value), unit)} to {_quantity(max(value.value), unit)} over the depth"
+    if isinstance(value, PlaneProfile):
+        values = [item for row in value.value for item in row]
+        return f"{_quantity(min(values), unit)} to {_quantity(max(values), unit)} in the block"
     if isinstance(value, Ramp):
         return f"to {_quantity(value.ramp_to, unit)} within {value.over:g} s"
     if isinstance(value, float) and not isinstance(value, RelaxationTimes):
         return _quantity(value, unit)
+    if isinstance(value, tuple) and not isinstance(value, RelaxationTimes):
+        return " x ".join(_quantity(item, unit) if isinstance(item, float) else str(item) for item in value) or "-"
     return str(value)
 
 

@@ -12,7 +12,7 @@ import xarray as xr
 
 from fvswell.case import BlockCase, Case
 from fvswell.column_run import ColumnRun
-from fvswell.conservation import ConservationBooks
+from fvswell.conservation import LARGEST_IMBALANCE, ConservationBooks
 from fvswell.errors import SolverError
 from fvswell.protocol import Protocol as Phases
 from fvswell.protocol import output_times
@@ -22,8 +22,6 @@ from fvswell.time_stepping import Marcher, State, Step, StepControl
 from fvswell.tissue import Array
 
 __all__ = ["Progress", "run"]
-
-_LARGEST_IMBALANCE = 1e-8  # of what crossed the boundary: beyond it the result is refused
 
 Record = dict[str, Array]
 
@@ -196,7 +194,7 @@ class _Recorder:
             failure = marcher.failures[0]
             phase, place = self.body.case.phase[failure.phase].name, self.body.place(failure.point)
             return f"stopped at t = {failure.elapsed:.6g} s in phase {phase}: {failure.reason(place)}"
-        if self.books.largest[0] > _LARGEST_IMBALANCE:
+        if self.books.largest[0] > LARGEST_IMBALANCE:
             return f"stopped: a balance is off by {self.books.largest[0]:.3g} of what crossed the boundary"
         return COMPLETE
 

@@ -11,7 +11,7 @@ import numpy as np
 import fvswell
 from fvswell.case import Case
 from fvswell.predictor import coefficient_of_determination
-from fvswell.relaxation import phase_durations
+from fvswell.relaxation import phase_durations, unrelaxed_phase
 from fvswell.results import COMPLETE
 from fvswell.study import Study
 from fvswell.study_fields import STRAIN_CURVES
@@ -88,7 +88,7 @@ def run_batch(batch: Batch) -> BatchResult:
     rows = np.flatnonzero(np.isfinite(duration).all(axis=1))
     result = _nothing(len(cases), len(base.phase), samples_per_phase(base))
     result["phase_duration"] = duration
-    status = np.array([_unrelaxed(base, row) for row in duration], dtype=object)
+    status = np.array([unrelaxed_phase(base, row) for row in duration], dtype=object)
     if len(rows):
         histories = [model_history([cases[row] for row in rows], model, duration[rows]) for model in batch.models]
         for name, values in _compared(histories, duration[rows]).items():
@@ -126,14 +126,6 @@ def _compared(histories: list[ModelHistory], duration: Array) -> BatchResult:
         "largest_difference": largest,
         "time_of_largest_difference": np.where(np.isnan(largest), np.nan, time),
     }
-
-
-def _unrelaxed(case: Case, duration: Array) -> str:
-    unknown = np.flatnonzero(~np.isfinite(duration))
-    if not len(unknown):
-        return ""
-    name = case.phase[unknown[0]].name
-    return f"the biphasic-swelling model does not relax in phase {name}; give its duration in s"
 
 
 def _statuses(models: tuple[str, str], histories: list[ModelHistory]) -> list[str]:

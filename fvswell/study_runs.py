@@ -65,7 +65,7 @@ def expand(table: StudyTable) -> Runs:
 
 def samples_per_phase(case: Case) -> int:
     """Number of equally spaced times in a phase at which models are compared: the ends of given steps."""
-    return case.time.steps_per_phase if case.time.scheme == "backward-euler" else _SAMPLES
+    return case.time.fixed_steps or _SAMPLES
 
 
 def _points(table: StudyTable, design: Variation, varied: list[int]) -> Array:

@@ -11,14 +11,13 @@ from scipy.interpolate import CubicHermiteSpline
 
 from fvswell.case import Case
 from fvswell.column_batch import ColumnBatch
+from fvswell.conservation import LARGEST_IMBALANCE
 from fvswell.models import MODELS
 from fvswell.study_runs import samples_per_phase
 from fvswell.time_stepping import Marcher, State, Step
 from fvswell.tissue import Array
 
 __all__ = ["ModelHistory", "model_history"]
-
-_LARGEST_IMBALANCE = 1e-8  # of what crossed the boundary: beyond it a run is refused
 
 
 @dataclass(frozen=True)
@@ -52,12 +51,12 @@ def model_history(cases: Sequence[Case], model: str, duration: Array) -> ModelHi
     marcher.run()
     height = recorder.sampled(batch.initial_height, duration, samples_per_phase(cases[0]))
     problem = np.full(len(cases), "", dtype=object)
-    lost = books.largest > _LARGEST_IMBALANCE
+    lost = books.largest > LARGEST_IMBALANCE
     problem[lost] = [f"a balance is off by {error:.3g} of what crossed the boundary" for error in books.largest[lost]]
     for failure in marcher.failures:
-        problem[failure.row] = (
-            f"stopped in phase {cases[0].phase[failure.phase].name}: {failure.reason(f'cell {failure.point}')}"
-        )
+        place = f"{batch.grid.centres[failure.point]:.3g} mm from the filter"
+        phase = cases[0].phase[failure.phase].name
+        problem[failure.row] = f"stopped at t = {failure.elapsed:.6g} s in phase {phase}: {failure.reason(place)}"
     return ModelHistory(
         strain=height / batch.initial_height[:, None, None] - 1.0,
         equilibrium_strain=batch.equilibrium_heights() / batch.initial_height[:, None] - 1.0,

@@ -40,7 +40,7 @@ _GAMMA = 1.0 - 1.0 / np.sqrt(2.0)
 _SDIRK2_ERROR = (1.0 - _GAMMA) * _GAMMA**2 + _GAMMA * (2.0 * _GAMMA - _GAMMA**2) - 1.0 / 6.0
 SMALLEST_STRAIN = 1e-8  # that tolerances are relative to where nothing is expected to happen
 FIRST_STEP = 0.1  # after a jump, of the time in which the finest cell consolidates
-_SMALLEST_STEP = 1e-9  # of the time to the next target
+_SMALLEST_STEP = 1e-13  # of the time to the next target
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class StepControl:
     scheme: Scheme
     tolerance: Array | None = None  # (rows,): absolute, of the strain
     max_step: float = np.inf  # s
-    first_step: float = np.inf  # s, where loads jump or ramps begin and end
+    first_step: Array | float = np.inf  # s, of all rows or (rows,): where loads jump or ramps begin and end
 
 
 @dataclass
@@ -242,7 +242,7 @@ class Marcher:
         return attempt
 
     def _error(self, rows: Array, size: Array, attempt: _Attempt) -> Array:
-        """Estimated error of the local strain in this step, mean magnitude over the body, over the tolerance, ``(rows,)``.
+        """Estimated error of the local strain in this step (its mean over the body) over the tolerance, ``(rows,)``.
 
         m''' comes from the rates at the step's start, first stage and end. After a jump the rate at the start is not
         known; then the change of the rate within the step, which is first order, stands in. Infinite for rows that
@@ -315,7 +315,7 @@ class Marcher:
     def _restart(self, rows: Array) -> None:
         """The rates are about to jump: start small."""
         self._last_rate[rows] = np.nan
-        self._size[rows] = self.control.first_step
+        self._size[rows] = np.broadcast_to(self.control.first_step, self._size.shape)[rows]
         self._restarted[rows] = True
 
     def _fail(self, row: int, residual: Array) -> None:

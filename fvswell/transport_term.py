@@ -38,6 +38,11 @@ class Interval(NamedTuple):
         """An interval under the given loads."""
         return cls(base, duration, loads, laws.filter_potentials(loads))
 
+    def rows(self, index: Array) -> Interval:
+        """The interval of a subset of the rows."""
+        loads = Loads(*(load[index] for load in self.loads))
+        return Interval(self.base[:, index], self.duration[index], loads, self.filter_potentials[:, index])
+
 
 class Balance(NamedTuple):
     """The balances at a state, and the local states they were drawn up from."""
@@ -48,6 +53,23 @@ class Balance(NamedTuple):
     cells: PointState
     faces: PointState  # the filter and the inner faces
     gradients: Array  # (balances, rows, faces): of the potentials, by the reference coordinate
+
+    def rows(self, index: Array) -> Balance:
+        """The balances of a subset of the rows."""
+        stacked = (self.residual, self.contents, self.fluxes)
+        local = (
+            PointState(*(part[index] if part.ndim else part for part in state)) for state in (self.cells, self.faces)
+        )
+        return Balance(*(part[:, index] for part in stacked), *local, self.gradients[:, index])
+
+    def put(self, index: Array, other: Balance) -> None:
+        """Take over a subset of the rows from the balances of just those."""
+        for name in ("residual", "contents", "fluxes", "gradients"):
+            getattr(self, name)[:, index] = getattr(other, name)
+        for state, part in ((self.cells, other.cells), (self.faces, other.faces)):
+            for values, own in zip(state, part, strict=True):
+                if values.ndim:
+                    values[index] = own
 
 
 class CoupledTransportTerm(_UnaryTerm):

@@ -447,7 +447,7 @@ WRONG = [
     ("geometry.cells", "10", "must be a whole number"),
     ("geometry.cells", True, "must be a whole number"),
     ("geometry.grading", 0.5, "must be at least 1"),
-    ("geometry.kind", "colum", 'must be one of "column"; did you mean "column"?'),
+    ("geometry.kind", "colum", 'must be one of "column", "plane-strain", "axisymmetric"; did you mean "column"?'),
     ("model", "biphasic-sweling", 'did you mean "biphasic-swelling"?'),
     ("model", 3, "must be one of"),
     ("assembly", "stock", 'did you mean "stock-terms"?'),

@@ -252,7 +252,7 @@ def test_signs_in_compression(model: str, protocol: str) -> None:
     assert np.all(loading["water_flux"][1:, 0] < 0.0)  # out of the sample
     excess = loading["fluid_pressure"][1] - loading["fluid_pressure"][0]
     assert np.all(excess > 0.0)
-    assert excess.max() == excess[-1] < 0.25  # the water carries the load longest at the piston
+    assert excess.max() == excess[-1] < 0.25 + 1e-12  # the water carries the load longest at the piston
     unloading = result.isel(time=result["time"] >= 600.0)
     assert np.all(np.diff(unloading["global_strain"]) > 0.0)
     assert np.all(unloading["water_flux"][1:, 0] > 0.0)

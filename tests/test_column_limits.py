@@ -28,7 +28,7 @@ def test_fast_ions_make_biphasic_swelling(protocol: Case) -> None:
     """Diffusivities up by 1e4: the salt follows at once, no current flows, k_open is left; in proportion to 1/D."""
     gaps = [gap(protocol, {"tissue.cation_diffusivity": 5e-4 * up, "tissue.anion_diffusivity": 8e-4 * up})
             for up in (1.0, 1e2, 1e3, 1e4)]  # fmt: skip
-    assert gaps[0] > 5e-3
+    assert gaps[0] > 2e-3
     assert gaps[3] < 2e-5
     np.testing.assert_allclose([gaps[1] / gaps[2], gaps[2] / gaps[3]], 10.0, rtol=0.15)
 

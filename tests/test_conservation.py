@@ -49,11 +49,13 @@ def test_every_step_closes_by_the_fields_alone(model: str, name: str) -> None:
     flux_of = {"volume": "water_flux", "anion": "anion_flux", "cation": "cation_flux"}
     for balance, amount in contents(result).items():
         entered = steps * result[flux_of[balance]].values[1:, 0]
+        assert result[f"{balance}_balance_error"].max() < 1e-10
+        if name == "swelling" and model == "biphasic":
+            assert np.abs(entered).sum() < 1e-12  # nothing happens
+            continue
         mismatch = np.abs(np.diff(amount) - entered) / np.cumsum(np.abs(entered))
         assert mismatch.max() < 1e-10, balance
-        assert result[f"{balance}_balance_error"].max() < 1e-10
-        if name != "swelling" or model != "biphasic":
-            assert np.abs(entered).sum() > 1e-3 * amount[0]  # something did cross
+        assert np.abs(entered).sum() > 1e-3 * amount[0]
     if model == "electrochemical":
         charge = steps * (result["cation_flux"] - result["anion_flux"]).values[1:, 0]
         anions = np.cumsum(np.abs(steps * result["anion_flux"].values[1:, 0]))

@@ -29,7 +29,7 @@ def bathed() -> Results:
 def test_swelling_models_start_from_the_same_state(loaded: Results) -> None:
     one, other = (loaded[model].isel(time=0) for model in SWELLING)
     for name in one.data_vars:
-        if "time" in one[name].dims or name in other:
+        if "step" not in one[name].dims:
             np.testing.assert_allclose(one[name], other[name], rtol=1e-12, atol=1e-15, err_msg=name)
 
 
@@ -63,16 +63,19 @@ def test_constant_open_circuit_permeability_makes_early_flow_differ(loaded: Resu
     assert first["biphasic"] < first["biphasic-swelling"] < 0.0
 
 
-def test_salt_has_to_follow_in_the_full_model(bathed: Results) -> None:
-    """The bath is felt at once throughout the simpler model; in the full one salt diffuses first, so it swells later."""
+def test_full_model_swells_faster_at_first_and_overshoots(bathed: Results) -> None:
+    """As the linear solution has it: 9.2e-5 against 7.2e-5 of height a root second for a step of 1e-6 mmol/mm3."""
     early = {model: float(bathed[model]["global_strain"][1]) for model in SWELLING}
-    assert 0.0 < early["electrochemical"] < early["biphasic-swelling"]
+    assert 0.0 < early["biphasic-swelling"] < early["electrochemical"]
+    rest = float(bathed["electrochemical"]["equilibrium_strain"][0])
+    loading = {model: bathed[model]["global_strain"][:31] for model in SWELLING}
+    assert loading["electrochemical"].max() > 1.005 * rest > loading["biphasic-swelling"].max()
 
 
 def test_differences_between_the_swelling_models_are_largest_under_way(loaded: Results, bathed: Results) -> None:
     for results in (loaded, bathed):
         gap = np.abs(results["electrochemical"]["global_strain"] - results["biphasic-swelling"]["global_strain"]).values
-        assert 5 * gap[[0, -1]].max() < gap.max()
+        assert 3 * gap[[0, -1]].max() < gap.max()
 
 
 def test_given_permeability_counts_in_biphasic_swelling() -> None:

@@ -100,7 +100,8 @@ def test_a_row_that_fails_is_told_and_stops_no_other():
     result = run_batch(plan(study)[0])
     fine, failed = result["run_status"]
     assert fine == "complete"
-    assert failed.startswith("electrochemical: stopped in phase loading: the ")
+    assert failed.startswith("electrochemical: stopped at t = ")
+    assert "s in phase loading: the " in failed
     assert np.isnan(result["r_squared"][1]).all()
     assert np.isfinite(result["strain"][1, 0]).all()  # the other model got through
     alone = fvswell.run(study.case(0), model="electrochemical")["global_strain"].values[1:]

@@ -1,0 +1,60 @@
+"""Arguments and options that several commands share, and what they stand for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from fvswell.case_errors import CaseError, Problem
+
+if TYPE_CHECKING:
+    from fvswell.case import Case
+
+__all__ = ["CaseFile", "Directory", "Force", "Quiet", "Settings", "default_directory", "read_case_file"]
+
+CaseFile = Annotated[
+    Path, typer.Argument(metavar="CASE", help="A case (.toml), or a result (.nc) whose case is taken.")
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a value of the case, such as tissue.hindrance_factor=0 or "
+        '"phase.loading.piston_pressure=0.1 MPa". May be given many times.',
+    ),
+]
+Directory = Annotated[
+    Path | None,
+    typer.Option("--output", "-o", metavar="DIR", help="Directory to write to; output/CASE without it."),
+]
+Force = Annotated[bool, typer.Option("--force", help="Replace files that are there already.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+
+
+def read_case_file(path: Path, settings: list[str] | None, model: str | None = None) -> Case:
+    """The case of a file with the changes asked for; all that is wrong with the settings is told at once."""
+    from fvswell.case import load_case, parse_setting
+    from fvswell.results import read_case
+
+    changes: dict[str, Any] = {}
+    problems: list[Problem] = []
+    for setting in settings or []:
+        try:
+            key, value = parse_setting(setting)
+            changes[key] = value
+        except CaseError as error:
+            problems += error.problems
+    if problems:
+        raise CaseError(problems, "--set")
+    if model is not None:
+        changes["model"] = model
+    case = read_case(path) if path.suffix == ".nc" else load_case(path)
+    return case.with_changes(changes) if changes else case
+
+
+def default_directory(case_file: Path, output: Path | None) -> Path:
+    """Where a command writes: as asked, or in output/CASE."""
+    return output if output is not None else Path("output") / case_file.stem
