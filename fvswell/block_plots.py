@@ -106,7 +106,9 @@ def block_figure(results: Mapping[str, xr.Dataset], times: Sequence[float], vari
     for name in variables:
         own = [row for row, (each, _) in enumerate(rows) if each == name]
         if own:
-            bar = below[0].colorbar(_colours(results, times, name), ax=list(panels[own].ravel()), pad=0.01, aspect=14 * len(own))
+            bar = below[0].colorbar(
+                _colours(results, times, name), ax=list(panels[own].ravel()), pad=0.01, aspect=14 * len(own)
+            )
             bar.set_label(fill(axis_label(name), LABEL_WIDTH))
             bar.outline.set_linewidth(0.4)
     return figure

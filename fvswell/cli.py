@@ -5,12 +5,12 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fvswell import __version__
-from fvswell.case_errors import CaseError, Problem
+from fvswell import __version__, cli_blocks, cli_studies
+from fvswell.cli_arguments import CaseFile, Directory, Force, Quiet, Settings, output_directory, read_case
 from fvswell.console import Console, told_errors
 from fvswell.errors import OutputError, SolverError
 
@@ -31,25 +31,6 @@ app = typer.Typer(
     rich_markup_mode=None,  # plain help takes half the time
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-CaseFile = Annotated[
-    Path, typer.Argument(metavar="CASE", help="A case (.toml), or a result (.nc) whose case is taken.")
-]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Change a value of the case, such as tissue.hindrance_factor=0 or "
-        '"phase.loading.piston_pressure=0.1 MPa". May be given many times.',
-    ),
-]
-Directory = Annotated[
-    Path | None,
-    typer.Option("--output", "-o", metavar="DIR", help="Directory to write to; output/CASE without it."),
-]
-Force = Annotated[bool, typer.Option("--force", help="Replace files that are there already.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 
 
 def main() -> None:
@@ -91,8 +72,8 @@ def run(
     from fvswell.reports import case_lines
     from fvswell.results import refuse_existing
 
-    case = _read_case(case_file, settings, model)
-    path = _directory(case_file, output) / f"{case.model}.nc"
+    case = read_case(case_file, settings, model)
+    path = output_directory(case_file, output) / f"{case.model}.nc"
     refuse_existing([path], force)
     console = Console(quiet)
     console.lines(*case_lines(case))
@@ -106,7 +87,7 @@ def check(case_file: CaseFile, settings: Settings = None) -> None:
     from fvswell.characteristics import characteristics
     from fvswell.reports import case_lines, characteristics_table
 
-    case = _read_case(case_file, settings)
+    case = read_case(case_file, settings)
     console = Console()
     console.lines(*case_lines(case), "")
     table, lines = characteristics_table(case, characteristics(case))
@@ -150,14 +131,15 @@ def compare(
 
     Prints tables and writes the results, a figure and a table to DIR.
     """
+    from fvswell.block_plots import all_blocks, block_comparison_figure
     from fvswell.comparison import compare_results, with_models
     from fvswell.plots import comparison_figure, save_figure
     from fvswell.reports import case_lines, comparison_tables
     from fvswell.results import refuse_existing
 
-    case = _read_case(case_file, settings)
+    case = read_case(case_file, settings)
     cases = with_models(case, [name.strip() for name in models.split(",")])
-    directory = _directory(case_file, output)
+    directory = output_directory(case_file, output)
     paths = {name: directory / f"{name}.nc" for name in cases}
     table, *figures = (directory / f"comparison.{suffix}" for suffix in ("csv", "png", "pdf"))
     refuse_existing([*paths.values(), table, *figures], force)
@@ -171,8 +153,9 @@ def compare(
         durations = [end - start for start, end in zip([0.0, *ends], ends, strict=False)]
     comparison = compare_results(results)
     comparison.write_csv(table)
+    draw = block_comparison_figure if all_blocks(results) else comparison_figure
     for figure in figures:
-        save_figure(comparison_figure(comparison), figure)
+        save_figure(draw(comparison), figure)
     for each_table in comparison_tables(comparison):
         console.lines("")
         console.table(each_table)
@@ -188,14 +171,15 @@ def plot(
         typer.Option("--output", "-o", metavar="FILE", help="Figure: .png, .pdf or .svg."),
     ] = None,
     times: Annotated[
-        str | None, typer.Option(metavar='"10 s,1 min"', help="Times of the profiles, with units.")
+        str | None, typer.Option(metavar='"10 s,1 min"', help="Times of the fields, with units.")
     ] = None,
     variables: Annotated[
         list[str] | None,
-        typer.Option("--variable", metavar="NAME", help="Field to draw over the depth. May be given many times."),
+        typer.Option("--variable", metavar="NAME", help="Field to draw. May be given many times."),
     ] = None,
 ) -> None:
-    """Draw strain against time and profiles over the depth."""
+    """Draw histories, and fields over the depth or on the moved grid."""
+    from fvswell.block_plots import all_blocks, block_figure
     from fvswell.plots import chosen_times, chosen_variables, result_figure, result_labels, save_figure
     from fvswell.results import read_result
 
@@ -203,7 +187,8 @@ def plot(
     labelled = dict(zip(result_labels(results, datasets), datasets, strict=True))
     name = f"{results[0].stem}.png" if len(results) == 1 else "results.png"
     path = output or results[0].with_name(name)
-    figure = result_figure(labelled, chosen_times(labelled, times), chosen_variables(labelled, variables))
+    draw = block_figure if all_blocks(labelled) else result_figure
+    figure = draw(labelled, chosen_times(labelled, times), chosen_variables(labelled, variables))
     save_figure(figure, path)
     Console().lines(f"wrote {path}")
 
@@ -227,29 +212,8 @@ def info(
     console.table(content_table(dataset))
 
 
-def _read_case(path: Path, settings: list[str] | None, model: str | None = None) -> Case:
-    """The case of a file with the changes asked for; all that is wrong with the settings is told at once."""
-    from fvswell.case import load_case, parse_setting
-    from fvswell.results import read_case
-
-    changes: dict[str, Any] = {}
-    problems: list[Problem] = []
-    for setting in settings or []:
-        try:
-            key, value = parse_setting(setting)
-            changes[key] = value
-        except CaseError as error:
-            problems += error.problems
-    if problems:
-        raise CaseError(problems, "--set")
-    if model is not None:
-        changes["model"] = model
-    case = read_case(path) if path.suffix == ".nc" else load_case(path)
-    return case.with_changes(changes) if changes else case
-
-
-def _directory(case_file: Path, output: Path | None) -> Path:
-    return output if output is not None else Path("output") / case_file.stem
+app.add_typer(cli_blocks.app)
+app.add_typer(cli_studies.app)
 
 
 def _simulate(

@@ -134,23 +134,23 @@ def rules_figure(points: StudyPoints, fits: Fits, assessment: Assessment) -> Fig
 
 
 def draw_fit(axes: Axes, points: StudyPoints, curve: str, fit: CurveFit | None) -> None:
-    """Draw the points of a curve and the fit with the confidence band of its parameters' extremes."""
+    """Draw the points of a curve, grey where the rule is not fitted to them, and its fit."""
     own, fitted = points.of_curve(curve), fitted_points(points, curve)
     shown = np.maximum(points.r_squared, _LEAST_R_SQUARED)
     low = points.r_squared < _LEAST_R_SQUARED
     f = points.applicability
     style: dict[str, Any] = {"s": 5, "linewidths": 0.0, "alpha": 0.45, "color": POINT_COLORS[curve], "rasterized": True}
     axes.scatter(f[fitted & ~low], shown[fitted & ~low], **style)
-    axes.scatter(f[own & ~fitted & ~low], shown[own & ~fitted & ~low], **(style | {"color": "0.6"}), label="not fitted")
+    axes.scatter(f[own & ~fitted & ~low], shown[own & ~fitted & ~low], **(style | {"color": "0.6"}))
     if np.any(own & low):
         label = f"{np.sum(own & low)} below {_LEAST_R_SQUARED:g}"
         axes.scatter(f[own & low], shown[own & low], **(style | {"s": 9}), marker="v", label=label, clip_on=False)
     if fit is not None:
         at = np.linspace(f[own].min(), f[own].max(), 200)
         label = f"$a$ = {fit.a:.3g}, $b$ = {fit.b:.3g}"
-        axes.plot(at, np.maximum(fit(at), _LEAST_R_SQUARED), color="black", label=label)
+        axes.plot(at, np.where(fit(at) < _LEAST_R_SQUARED, np.nan, fit(at)), color="black", label=label)
     axes.set(xlabel=_NUMBERS[curve], ylim=(_LEAST_R_SQUARED if np.any(own & low) else None, 1.03))
-    axes.legend(loc="lower right")
+    axes.legend(loc="lower right", frameon=True, framealpha=0.85, edgecolor="none")
 
 
 def _draw_predicted(axes: Axes, points: StudyPoints, curve: str, assessment: Assessment) -> None:

@@ -1,4 +1,4 @@
-"""Arguments and options that several commands share, and what they stand for."""
+"""Arguments that several commands share, and what they stand for."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fvswell.case_errors import CaseError, Problem
 if TYPE_CHECKING:
     from fvswell.case import Case
 
-__all__ = ["CaseFile", "Directory", "Force", "Quiet", "Settings", "default_directory", "read_case_file"]
+__all__ = ["CaseFile", "Directory", "Force", "Quiet", "Settings", "output_directory", "read_case"]
 
 CaseFile = Annotated[
     Path, typer.Argument(metavar="CASE", help="A case (.toml), or a result (.nc) whose case is taken.")
@@ -34,10 +34,10 @@ Force = Annotated[bool, typer.Option("--force", help="Replace files that are the
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 
 
-def read_case_file(path: Path, settings: list[str] | None, model: str | None = None) -> Case:
+def read_case(path: Path, settings: list[str] | None, model: str | None = None) -> Case:
     """The case of a file with the changes asked for; all that is wrong with the settings is told at once."""
     from fvswell.case import load_case, parse_setting
-    from fvswell.results import read_case
+    from fvswell.results import read_case as case_of_result
 
     changes: dict[str, Any] = {}
     problems: list[Problem] = []
@@ -51,10 +51,10 @@ def read_case_file(path: Path, settings: list[str] | None, model: str | None = N
         raise CaseError(problems, "--set")
     if model is not None:
         changes["model"] = model
-    case = read_case(path) if path.suffix == ".nc" else load_case(path)
+    case = case_of_result(path) if path.suffix == ".nc" else load_case(path)
     return case.with_changes(changes) if changes else case
 
 
-def default_directory(case_file: Path, output: Path | None) -> Path:
-    """Where a command writes: as asked, or in output/CASE."""
+def output_directory(case_file: Path, output: Path | None) -> Path:
+    """Where to write: as told, else output/ and the name of the file."""
     return output if output is not None else Path("output") / case_file.stem

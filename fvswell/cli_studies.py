@@ -1,0 +1,146 @@
+"""Commands about many columns: studies, the rules they give, advice by them, the paper's figures and sensitivity."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fvswell.cli_arguments import CaseFile, Directory, Force, Quiet, Settings, output_directory, read_case
+from fvswell.console import INTERRUPTED, Console, told_errors
+
+if TYPE_CHECKING:
+    from fvswell.study_run import StudyProgress
+
+__all__ = ["app"]
+
+app = typer.Typer(rich_markup_mode=None)
+
+Processes = Annotated[
+    int | None, typer.Option(metavar="N", min=1, help="Processes on this machine; one for each core without it.")
+]
+
+
+@app.command()
+@told_errors
+def study(
+    study_file: Annotated[Path, typer.Argument(metavar="STUDY", help="A study (.toml).")],
+    output: Directory = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Dask scheduler to compute on, such as tcp://127.0.0.1:8786."),
+    ] = None,
+    processes: Processes = None,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run two models over many parameter sets.
+
+    Writes how far apart they are to DIR/study.nc. Interrupted, it goes on where it was when it is called again.
+    """
+    from fvswell.results import refuse_existing
+    from fvswell.study import load_study
+    from fvswell.study_run import run_study
+
+    path = output_directory(study_file, output) / "study.nc"
+    refuse_existing([path], force)
+    console = Console(quiet)
+    whole = load_study(study_file)
+    console.lines(whole.table.title, f"  {len(whole.runs)} runs of {whole.models[0]} and {whole.models[1]}")
+    with _told_interruption(), _study_progress(console) as report:
+        outcome = run_study(whole, path, scheduler=scheduler, processes=processes, replace=force, report=report)
+    failed = f", {outcome.runs - outcome.complete} without a result (see run_status)" * (
+        outcome.complete < outcome.runs
+    )
+    console.lines(
+        f"{outcome.complete} of {outcome.runs} runs complete{failed}", f"{outcome.elapsed:.0f} s, wrote {path}"
+    )
+
+
+@app.command()
+@told_errors
+def rules(
+    result: Annotated[Path, typer.Argument(metavar="STUDY", help="Result of a study (.nc).")],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="DIR", help="Directory to write to; the result's without it."),
+    ] = None,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Judge the paper's rule and the predictor by a study.
+
+    Prints tables and writes rules.json, rules.csv (every point), rules.png and rules.pdf to DIR.
+    """
+    from fvswell.plots import save_figure
+    from fvswell.prediction_accuracy import assess
+    from fvswell.results import refuse_existing
+    from fvswell.rules import paper_fits
+    from fvswell.rules_report import rules_figure, rules_tables, source_of, write_points, write_rules
+    from fvswell.study_file import read_study
+    from fvswell.study_points import study_points
+
+    directory = output or result.parent
+    numbers, table, *figures = (directory / f"rules.{suffix}" for suffix in ("json", "csv", "png", "pdf"))
+    refuse_existing([numbers, table, *figures], force)
+    dataset = read_study(result)
+    points = study_points(dataset)
+    fits, assessment = paper_fits(points), assess(points)
+    figure = rules_figure(points, fits, assessment)
+    for path in figures:
+        save_figure(figure, path)
+    write_rules(numbers, dataset, fits, assessment)
+    write_points(table, points, fits, assessment)
+    console = Console(quiet)
+    console.lines(source_of(dataset))
+    for each in rules_tables(points, fits, assessment):
+        console.lines("")
+        console.table(each)
+    console.lines("", *(f"wrote {path}" for path in (numbers, table, *figures)))
+
+
+@app.command()
+@told_errors
+def advise(case_file: CaseFile, settings: Settings = None) -> None:
+    """Tell whether biphasic-swelling will do, without a run."""
+    from fvswell.advice import advise as advise_on
+    from fvswell.advice_report import advice_lines, advice_tables
+    from fvswell.reports import case_lines
+
+    case = read_case(case_file, settings)
+    advice = advise_on(case)
+    console = Console()
+    console.lines(*case_lines(case, "biphasic-swelling or electrochemical?"))
+    for table in advice_tables(advice):
+        console.lines("")
+        console.table(table)
+    console.lines("", *advice_lines(advice))
+
+
+@contextmanager
+def _told_interruption() -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo("interrupted: what is finished is kept, and the same command goes on with the rest", err=True)
+        raise typer.Exit(INTERRUPTED) from None
+
+
+@contextmanager
+def _study_progress(console: Console) -> Iterator[Callable[[StudyProgress], None] | None]:
+    """Context of a study; gives what it is to report to."""
+    if console.quiet:
+        yield None
+    elif not console.is_terminal:
+        yield lambda progress: console.lines(_progress_line(progress))
+    else:
+        yield lambda progress: typer.echo(f"\r\x1b[K{_progress_line(progress)}", nl=False)
+        typer.echo()
+
+
+def _progress_line(progress: StudyProgress) -> str:
+    line = f"{progress.done} of {progress.total} runs, {progress.elapsed:.0f} s"
+    return line if progress.remaining is None else f"{line}, {progress.remaining:.0f} s left"
