@@ -79,7 +79,8 @@ def block_figure(results: Mapping[str, xr.Dataset], times: Sequence[float], vari
     columns = max(len(times), 1)
     heights = [_HISTORY_HEIGHT] + [_panel_height(limits, columns)] * len(rows)
     figure = Figure(figsize=(PAGE_WIDTH, sum(heights) + _TITLES_HEIGHT), layout="constrained")
-    top, *below = figure.subfigures(1 + bool(rows), 1, height_ratios=_ratios(heights)) if rows else [figure]
+    parts = figure.subfigures(1 + bool(rows), 1, squeeze=False, height_ratios=_ratios(heights)[: 1 + bool(rows)])
+    top, below = parts[0, 0], parts[-1, 0]
     lines = line_styles(results)
     scale, unit = time_unit(results)
     for axis, axes in zip(AXES, top.subplots(1, 2), strict=True):
@@ -90,7 +91,7 @@ def block_figure(results: Mapping[str, xr.Dataset], times: Sequence[float], vari
             axes.legend().remove()
     if not rows:
         return figure
-    panels = below[0].subplots(len(rows), columns, squeeze=False, sharex=True, sharey=True)
+    panels = below.subplots(len(rows), columns, squeeze=False, sharex=True, sharey=True)
     for row, (name, label) in enumerate(rows):
         colours = _colours(results, times, name)
         for column, at in enumerate(times):
@@ -106,7 +107,7 @@ def block_figure(results: Mapping[str, xr.Dataset], times: Sequence[float], vari
     for name in variables:
         own = [row for row, (each, _) in enumerate(rows) if each == name]
         if own:
-            bar = below[0].colorbar(
+            bar = below.colorbar(
                 _colours(results, times, name), ax=list(panels[own].ravel()), pad=0.01, aspect=14 * len(own)
             )
             bar.set_label(fill(axis_label(name), LABEL_WIDTH))
@@ -128,7 +129,7 @@ def block_comparison_figure(comparison: Comparison) -> Figure:
     limits = _limits({comparison.reference: base}, [each.time for each in nearest])
     heights = [_HISTORY_HEIGHT, _panel_height(limits, len(phases)) + _TITLES_HEIGHT]
     figure = Figure(figsize=(PAGE_WIDTH, sum(heights)), layout="constrained")
-    top, below = figure.subfigures(2, 1, height_ratios=heights)
+    top, below = figure.subfigures(2, 1, squeeze=False, height_ratios=heights)[:, 0]
     histories, gaps = top.subplots(1, 2)
     draw_histories(histories, results, lines, comparison.quantity)
     draw_gaps(gaps, comparison, lines)

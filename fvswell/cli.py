@@ -170,9 +170,7 @@ def plot(
         Path | None,
         typer.Option("--output", "-o", metavar="FILE", help="Figure: .png, .pdf or .svg."),
     ] = None,
-    times: Annotated[
-        str | None, typer.Option(metavar='"10 s,1 min"', help="Times of the fields, with units.")
-    ] = None,
+    times: Annotated[str | None, typer.Option(metavar='"10 s,1 min"', help="Times of the fields, with units.")] = None,
     variables: Annotated[
         list[str] | None,
         typer.Option("--variable", metavar="NAME", help="Field to draw. May be given many times."),
@@ -212,6 +210,7 @@ def info(
     console.table(content_table(dataset))
 
 
+app.add_typer(cli_blocks.app)
 app.add_typer(cli_blocks.app)
 app.add_typer(cli_studies.app)
 

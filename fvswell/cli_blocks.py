@@ -44,15 +44,15 @@ def fit(
     correction, follows the fuller model best. Writes all trials and both results to DIR.
     """
     from fvswell.comparison import with_models
-    from fvswell.fit import FITTED_MODEL, Trial, check_fit, run_fit
-    from fvswell.fit_reports import fit_report
-    from fvswell.reports import case_lines
+    from fvswell.fit import FITTED_MODEL, Trial, fit_problem, run_fit
+    from fvswell.reports import case_lines, fit_report
     from fvswell.results import refuse_existing
 
     case = read_case(case_file, settings)
     with_models(case, [against, FITTED_MODEL])
+    limits = None if between is None else [limit.strip() for limit in between.split(",")]
     names = None if phases is None else [name.strip() for name in phases.split(",")]
-    problem = check_fit(case, parameter, against, names, between)
+    problem = fit_problem(case, parameter, against, names, limits)
     directory = output_directory(case_file, output)
     table, reference, fitted = (directory / name for name in ("fit.csv", f"fit_{against}.nc", f"fit_{FITTED_MODEL}.nc"))
     refuse_existing([table, reference, fitted], force)
@@ -62,7 +62,8 @@ def fit(
 
     def tell(trial: Trial) -> None:
         elapsed = time.perf_counter() - began
-        console.lines(f"run {trial.run}: {parameter} {trial.value:.6g}, R^2 {trial.r_squared:.6f}, {elapsed:.0f} s")
+        told = ", ".join(f"{value:.6f}" for value in trial.r_squared)
+        console.lines(f"run {trial.run}: {parameter} {trial.value:.6g}, R^2 {told}, {elapsed:.0f} s")
 
     with console.progress(against) as draw:
         done = run_fit(problem, reference, fitted, force, draw, tell)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fvswell.case_errors import CaseError, Problem
 from fvswell.cli_arguments import CaseFile, Directory, Force, Quiet, Settings, output_directory, read_case
 from fvswell.console import INTERRUPTED, Console, told_errors
 
@@ -118,6 +119,64 @@ def advise(case_file: CaseFile, settings: Settings = None) -> None:
         console.lines("")
         console.table(table)
     console.lines("", *advice_lines(advice))
+
+
+@app.command()
+@told_errors
+def sensitivity(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A case, or a study whose parameters and ranges are taken.")
+    ],
+    spread: Annotated[
+        float, typer.Option(min=1.01, help="About a case, values range from a SPREADth to SPREAD times their own.")
+    ] = 2.0,
+    samples: Annotated[int, typer.Option(min=2, help="Base sample of the predictor, a power of two.")] = 1024,
+    model_samples: Annotated[
+        int, typer.Option(min=0, help="Base sample of the models, a power of two; 0 does not run them.")
+    ] = 64,
+    processes: Processes = None,
+    output: Directory = None,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Tell which parameters decide how far the models are apart.
+
+    Sobol indices, by the predictor and, from fewer points, by the models themselves. Each base point takes as many runs
+    as there are parameters, and two. Prints tables and writes sensitivity.csv, .png and .pdf to DIR.
+    """
+    from fvswell.plots import save_figure
+    from fvswell.results import refuse_existing
+    from fvswell.sensitivity import read_ranges
+    from fvswell.sensitivity import sensitivity as indices
+    from fvswell.sensitivity_report import sensitivity_figure, sensitivity_tables, write_sensitivity
+
+    _require_powers_of_two({"--samples": samples, "--model-samples": model_samples})
+    directory = output_directory(file, output)
+    table, *figures = (directory / f"sensitivity.{suffix}" for suffix in ("csv", "png", "pdf"))
+    refuse_existing([table, *figures], force)
+    console = Console(quiet)
+    results = indices(
+        read_ranges(file, spread), samples, model_samples, processes,
+        lambda protocol, done, total: console.lines(f"{protocol}: {done} of {total} runs of both models"),
+    )  # fmt: skip
+    figure = sensitivity_figure(results)
+    for path in figures:
+        save_figure(figure, path)
+    write_sensitivity(table, results)
+    for each in sensitivity_tables(results):
+        console.lines("")
+        console.table(each)
+    console.lines("", *(f"wrote {path}" for path in (table, *figures)))
+
+
+def _require_powers_of_two(options: dict[str, int]) -> None:
+    problems = [
+        Problem(name, str(value), "must be a power of two, such as 64 or 1024: other samples are not balanced")
+        for name, value in options.items()
+        if value & (value - 1)
+    ]
+    if problems:
+        raise CaseError(problems, "sensitivity")
 
 
 @contextmanager

@@ -193,7 +193,7 @@ def compare_results(results: Mapping[str, xr.Dataset]) -> Comparison:
             farthest = int(np.argmax(np.abs(own - data)))
             time = float(at[farthest])
             cell, local = _local_difference(results[model], base, time)
-            common = {
+            common: dict[str, Any] = {
                 "phase": phase.name,
                 "model": model,
                 "quantity": quantity,

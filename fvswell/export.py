@@ -93,7 +93,7 @@ def block_mesh(result: xr.Dataset, index: int) -> pyvista.UnstructuredGrid:
     mesh = pyvista.UnstructuredGrid(connectivity, np.full(len(cells), pyvista.CellType.QUAD), points)
     data: dict[str, Any] = {"cell": mesh.cell_data, "node": mesh.point_data, "global": mesh.field_data}
     for name, values in _fields(result, index).items():
-        component = name if name in FIELDS else f"{name}_x"
+        component = name if name in result else f"{name}_x"  # of a vector
         data[FIELDS[component].location][name] = values
     mesh.field_data["TimeValue"] = np.array([at])
     return mesh

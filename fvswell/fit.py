@@ -62,7 +62,7 @@ class FitProblem:
 class Trial:
     """A run of the fitted model."""
 
-    run: int  # from 1 on; 0 is the run of the reference
+    run: int  # from 1 on
     value: float
     squares: float  # sum over all phases that count, each relative to the reference's about its mean
     r_squared: tuple[float, ...]  # of each of these phases
@@ -102,8 +102,8 @@ class Fit:
     def write_csv(self, path: Path) -> None:
         """Write the trials as text with commas, in internal units."""
         names = ["run", self.problem.parameter, *(f"r_squared {phase}" for phase in self.problem.phases)]
-        rows = [[trial.run, trial.value, *trial.r_squared] for trial in self.trials]
-        lines = [",".join(map(str, row)) for row in [names, *rows]]
+        rows = [(trial.run, trial.value, *trial.r_squared) for trial in self.trials]
+        lines = [",".join(names), *(",".join(f"{value}" for value in row) for row in rows)]
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -250,9 +250,7 @@ def _limits(
 ) -> tuple[tuple[float, float], list[Problem]]:
     """Where to look, and what is wrong with it and with the parameter."""
     nowhere = (math.nan, math.nan)
-    known = [
-        key for key, field in type(case.tissue).model_fields.items() if isinstance(value_type(field), Quantity)
-    ]
+    known = [key for key, field in type(case.tissue).model_fields.items() if isinstance(value_type(field), Quantity)]
     if parameter not in known:
         near = nearest_name(parameter, known)
         message = f"did you mean {near}?" if near else f"must be of {', '.join(known)}"
@@ -269,12 +267,20 @@ def _limits(
     values, problems = [], []
     for limit in limits:
         try:
-            values.append(reader.number(limit))
+            values.append(reader.number(_plain_number(limit)))
         except ValueError as error:
             problems.append(Problem("between", str(limit), str(error)))
     if not problems and not 0.0 < values[0] < values[1]:
         problems.append(Problem("between", f"{values[0]:g}, {values[1]:g}", "must be above 0 and increase"))
     return (nowhere, problems) if problems else ((values[0], values[1]), [])
+
+
+def _plain_number(limit: float | str) -> float | str:
+    """Text without a unit is in internal units."""
+    try:
+        return float(limit)
+    except ValueError:
+        return limit
 
 
 def _until(case: Case, last: int) -> Case:

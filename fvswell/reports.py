@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from fvswell.characteristics import Characteristics
     from fvswell.comparison import Comparison
+    from fvswell.fit import Fit
 
 __all__ = [
     "case_lines",
@@ -31,6 +32,7 @@ __all__ = [
     "content_table",
     "duration_line",
     "effort_lines",
+    "fit_report",
     "phase_table",
     "result_lines",
 ]
@@ -208,6 +210,33 @@ def _comparison_table(comparison: Comparison, phase: str) -> TextTable:
         rows.append(row)
     rows.append([f"{comparison.reference} (reference)", *["" for _ in header], rest])
     return TextTable(f"Phase {phase}: difference of the {_words(quantity)}", header + places, rows)
+
+
+def fit_report(fit: Fit) -> tuple[list[str], TextTable]:
+    """The best value with what it is to be judged by, and a table of how well the model follows."""
+    problem, before, best = fit.problem, fit.before, fit.best
+    reader = value_type(type(problem.case.tissue).model_fields[problem.parameter])
+    unit = reader.unit if reader is not None else ""
+    lines = [
+        f"best {_words(problem.parameter)}: {_quantity(best.value, unit)}, {fit.ratio:.4f} of the case's "
+        f"{_quantity(problem.present, unit)} ({percent(fit.ratio - 1.0)})",
+    ]
+    if fit.at_limit:
+        lines.append("this is an end of where was looked: a better value may lie beyond")
+    if problem.parameter == "hydraulic_permeability" and isinstance(problem.case, BlockCase):
+        lines.append(
+            "for comparison: Wilson et al. (2005) found -11.96 % in their block; what they fitted and for how long "
+            "cannot be read in full, so the same number is not to be expected"
+        )
+    lines.append(f"{len(fit.trials)} runs of the fitted model, 1 of {problem.reference}, {fit.seconds:.0f} s")
+    rows = [
+        [phase, _words(quantity), f"{old:.6f}", f"{new:.6f}"]
+        for phase, quantity, old, new in zip(
+            problem.phases, fit.quantities, before.r_squared, best.r_squared, strict=True
+        )
+    ]
+    title = f"R^2 of the fitted model to {problem.reference}"
+    return lines, TextTable(title, ["phase", "history", "with the case's value", "with the best"], rows)
 
 
 def _amount(value: float, quantity: str) -> str:

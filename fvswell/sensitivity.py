@@ -7,11 +7,11 @@ it explains by itself, the total index the share that is left when all others ar
 
 from __future__ import annotations
 
+import re
 import tomllib
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +85,7 @@ def read_ranges(path: Path, spread: float) -> Study:
 def ranges_about(case: Case, spread: float) -> Study:
     """A study that varies what a case gives as a number, from its value over ``spread`` to ``spread`` times it.
 
-    Properties of the tissue, and loads and baths; phases with the same load or bath keep having the same.
+    Varied are properties of the tissue, loads and baths; phases with the same load or bath keep having the same.
 
     Raises
     ------
@@ -93,25 +93,25 @@ def ranges_about(case: Case, spread: float) -> Study:
         If nothing can be varied, or a value in the range is not allowed.
     """
     content = tomllib.loads(case.to_toml())
-    keys: dict[str, tuple[list[str], float]] = {}
-    for name in _VARIED:
-        value = content["tissue"].get(name)
-        if isinstance(value, float) and value > 0.0:
-            keys[name] = [f"tissue.{name}"], value
-    values: dict[tuple[str, float], list[str]] = {
-        ("bath_concentration", case.bath.concentration): ["bath.concentration"]
-    }
+    varied = {name: ([f"tissue.{name}"], content["tissue"].get(name)) for name in _VARIED}
+    loads = {("bath_concentration", case.bath.concentration): ["bath.concentration"]}
     for phase in content["phase"]:
         for name in ("piston_pressure", "bath_concentration"):
-            value = phase.get(name)
-            if isinstance(value, float) and value != 0.0:
-                values.setdefault((name, value), []).append(f"phase.{phase['name']}.{name}")
-    for (name, value), places in values.items():
-        keys[_free_name(name, keys)] = places, value
-    parameters = [_parameter(name, places, value, spread) for name, (places, value) in keys.items()]
-    design = {"name": "corner", "kind": "combinations", "count": 1, "sampling": "random"}
-    protocol = {"name": Path(case.source).stem, "case": content}
-    study = {"title": case.title, "parameter": parameters, "design": [design], "protocol": [protocol]}
+            if isinstance(phase.get(name), float):
+                loads.setdefault((name, phase[name]), []).append(f"phase.{phase['name']}.{name}")
+    for (name, value), keys in loads.items():
+        _, phase_name, *rest = keys[0].split(".")
+        varied[f"{name}_in_{re.sub(r'[^A-Za-z0-9]', '_', phase_name)}" if rest else name] = keys, value
+    study = {
+        "title": case.title,
+        "parameter": [
+            {"name": name, "key": keys, **_range(name, value, spread)}
+            for name, (keys, value) in varied.items()
+            if isinstance(value, float) and value > 0.0
+        ],
+        "design": [{"name": "one point", "kind": "combinations", "count": 1, "sampling": "random"}],
+        "protocol": [{"name": Path(case.source).stem, "case": content}],
+    }
     return Study.from_toml(tomli_w.dumps(study), case.source)
 
 
@@ -243,12 +243,6 @@ def _indices(r_squared: Array, parameters: int) -> SobolIndices:
     )
 
 
-def _free_name(name: str, taken: Collection[str]) -> str:
-    return next(each for each in chain([name], (f"{name}_{n}" for n in count(2))) if each not in taken)
-
-
-def _parameter(name: str, keys: list[str], value: float, spread: float) -> dict[str, Any]:
-    high = value * spread
-    if name == "hindrance_factor":
-        high = min(high, 1.0)
-    return {"name": name, "key": keys, "low": min(value / spread, high), "high": high, "spacing": "log"}
+def _range(name: str, value: float, spread: float) -> dict[str, Any]:
+    high = min(value * spread, 1.0) if name == "hindrance_factor" else value * spread
+    return {"low": value / spread, "high": high, "spacing": "log"}
