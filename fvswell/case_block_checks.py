@@ -11,7 +11,8 @@ import numpy as np
 from fvswell.case_block_schema import EDGES, EdgeLoad
 from fvswell.case_checks import osmotic_problems, repeated_names, times_beyond_end
 from fvswell.case_errors import Finding
-from fvswell.case_values import DepthProfile, RelaxationTimes, final_value
+from fvswell.case_profiles import DepthProfile
+from fvswell.case_values import RelaxationTimes, final_value
 
 if TYPE_CHECKING:
     from fvswell.case import BlockCase

@@ -8,8 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from fvswell.case_errors import Finding
+from fvswell.case_profiles import DepthProfile, PlaneProfile
 from fvswell.case_schema import CaseTable
-from fvswell.case_values import DepthProfile, PlaneProfile, final_value
+from fvswell.case_values import final_value
 from fvswell.equilibrium import equilibrium_volume_ratio, osmotic_pressure_difference
 from fvswell.solid import uniaxial_stress
 from fvswell.tissue import Array, Tissue

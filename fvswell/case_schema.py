@@ -13,22 +13,8 @@ from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 
-from fvswell.case_values import (
-    Choice,
-    Coordinates,
-    Count,
-    DepthProfile,
-    Duration,
-    Load,
-    Name,
-    PlaneProfile,
-    Profile,
-    Quantity,
-    Ramp,
-    RelaxationTimes,
-    Text,
-    Times,
-)
+from fvswell.case_profiles import Coordinates, DepthProfile, PlaneProfile, Profile
+from fvswell.case_values import Choice, Count, Duration, Load, Name, Quantity, Ramp, RelaxationTimes, Text, Times
 from fvswell.solid import SOLIDS
 from fvswell.tissue import Array, Tissue
 

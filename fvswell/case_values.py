@@ -4,33 +4,28 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from numbers import Integral
 from typing import Any, NamedTuple
 
-import numpy as np
 from pydantic_core import core_schema
 
-from fvswell.case_errors import nearest_name, shown
-from fvswell.tissue import Array
+from fvswell.case_errors import nearest_name
+from fvswell.case_lists import read_increasing, read_table
+from fvswell.case_profiles import DepthProfile, PlaneProfile, Profile, read_profile
 from fvswell.units import DIMENSIONS, NUMBER, PLAIN_NUMBER, parse
 
 __all__ = [
     "Choice",
-    "Coordinates",
     "Count",
     "Counts",
-    "DepthProfile",
     "Duration",
     "Flag",
     "Load",
     "Name",
     "Names",
-    "PlaneProfile",
     "Point",
-    "Profile",
     "Quantity",
     "Ramp",
     "RelaxationTimes",
@@ -41,46 +36,6 @@ __all__ = [
 ]
 
 _RELAXATION_TIMES = re.compile(rf"\s*({NUMBER})\s+relaxation\s+times?\s*")
-
-Coordinates = Mapping[str, Array]  # of the points, by name: "depth" in columns, "x" and "y" in blocks, mm
-
-
-@dataclass(frozen=True)
-class DepthProfile:
-    """A quantity that varies along a column: linear between the knots, constant outside them."""
-
-    depth: tuple[float, ...]  # mm from the filter, in the stress-free solid
-    value: tuple[float, ...]
-
-    def at(self, coordinates: Coordinates) -> Array:
-        """Values at the points, shape of ``coordinates["depth"]``."""
-        return np.interp(coordinates["depth"], self.depth, self.value)
-
-
-@dataclass(frozen=True)
-class PlaneProfile:
-    """A quantity that varies over a block: linear between the knots, constant outside them.
-
-    ``value`` has a row for each y and a column for each x; an axis along which nothing varies has a single knot.
-    """
-
-    x: tuple[float, ...]  # mm, in the stress-free solid; the radius of a disc
-    y: tuple[float, ...]  # mm
-    value: tuple[tuple[float, ...], ...]
-
-    def at(self, coordinates: Coordinates) -> Array:
-        """Values at the points, shape of ``coordinates["x"]``."""
-        columns = np.stack([np.interp(coordinates["x"], self.x, row) for row in self.value])
-        above = np.clip(np.searchsorted(self.y, coordinates["y"]), 1, max(len(self.y) - 1, 1))
-        if len(self.y) == 1:
-            return columns[0]
-        low, high = np.array(self.y)[above - 1], np.array(self.y)[above]
-        share = np.clip((coordinates["y"] - low) / (high - low), 0.0, 1.0)
-        points = np.arange(columns.shape[1])
-        return (1.0 - share) * columns[above - 1, points] + share * columns[above, points]
-
-
-Profile = DepthProfile | PlaneProfile
 
 
 class Ramp(NamedTuple):
@@ -294,9 +249,7 @@ class Quantity(ValueType):
         if isinstance(value, Mapping):
             if not self.varying:
                 raise ValueError("must be one quantity: it cannot vary")
-            if "x" in value or "y" in value:
-                return _read_plane_profile(value, self.number)
-            return _read_depth_profile(value, self.number)
+            return read_profile(value, self.number, Quantity("length", at_least=0.0).number)
         return self.number(value)
 
     def _plain(self, value: float | Profile) -> Any:
@@ -339,7 +292,7 @@ class Load(ValueType):
         if not isinstance(value, Mapping):
             return self.quantity.number(value)
         readers = {"ramp_to": self.quantity.number, "over": Quantity("time", above=0.0).number}
-        return Ramp(**_read_table(value, readers))
+        return Ramp(**read_table(value, readers))
 
     def _plain(self, value: float | Ramp) -> Any:
         return value._asdict() if isinstance(value, Ramp) else value
@@ -371,85 +324,7 @@ class Times(ValueType):
     allowed = "a list that increases from 0 or more"
 
     def _read(self, value: Any) -> tuple[float, ...]:
-        return _read_increasing(value, Quantity("time", at_least=0.0).number)
+        return read_increasing(value, Quantity("time", at_least=0.0).number)
 
     def _plain(self, value: tuple[float, ...]) -> list[float]:
         return list(value)
-
-
-def _read_depth_profile(value: Mapping[str, Any], read_number: Callable[[Any], float]) -> DepthProfile:
-    readers = {
-        "depth": lambda item: _read_increasing(item, Quantity("length", at_least=0.0).number),
-        "value": lambda item: _read_list(item, read_number),
-    }
-    profile = DepthProfile(**_read_table(value, readers))
-    if len(profile.depth) != len(profile.value):
-        counts = f"{len(profile.depth)} depths and {len(profile.value)} values"
-        raise ValueError(f"has {counts}: must be as many of each")
-    return profile
-
-
-def _read_plane_profile(value: Mapping[str, Any], read_number: Callable[[Any], float]) -> PlaneProfile:
-    """Knots along x, along y, or both; values in a list along the one axis, or in a list of rows, one for each y."""
-
-    def knots(item: Any) -> tuple[float, ...]:
-        return _read_increasing(item, Quantity("length", at_least=0.0).number)
-
-    axes = [axis for axis in ("x", "y") if axis in value]
-    if len(axes) == 1:
-        read = _read_table(value, {axes[0]: knots, "value": lambda item: _read_list(item, read_number)})
-        along, values = read[axes[0]], read["value"]
-        if len(along) != len(values):
-            raise ValueError(f"has {len(along)} knots and {len(values)} values: must be as many of each")
-        rows = (values,) if axes == ["x"] else tuple((item,) for item in values)
-        return PlaneProfile(along, (0.0,), rows) if axes == ["x"] else PlaneProfile((0.0,), along, rows)
-
-    def table(item: Any) -> tuple[tuple[float, ...], ...]:
-        if not isinstance(item, list | tuple):
-            raise ValueError("must be a list of rows, one for each y")
-        return tuple(_read_list(row, read_number) for row in item)
-
-    profile = PlaneProfile(**_read_table(value, {"x": knots, "y": knots, "value": table}))
-    if len(profile.value) != len(profile.y) or any(len(row) != len(profile.x) for row in profile.value):
-        raise ValueError(f"must have {len(profile.y)} rows of {len(profile.x)} values: one for each y, and for each x")
-    return profile
-
-
-def _read_table(table: Mapping[str, Any], readers: Mapping[str, Callable[[Any], Any]]) -> dict[str, Any]:
-    """Read the items of an inline table, all of which are required, and tell all that is wrong at once."""
-    problems = [f"{key}: missing" for key in readers if key not in table]
-    items = {}
-    for key, value in table.items():
-        if key not in readers:
-            near = nearest_name(key, readers)
-            hint = f"did you mean {near}?" if near else f"allowed are {', '.join(readers)}"
-            problems.append(f"{key}: unknown key; {hint}")
-            continue
-        try:
-            items[key] = readers[key](value)
-        except ValueError as error:
-            problems.append(f"{key}: {error}")
-    if problems:
-        raise ValueError("; ".join(problems))
-    return items
-
-
-def _read_list(value: Any, read_number: Callable[[Any], float]) -> tuple[float, ...]:
-    if not isinstance(value, list | tuple | np.ndarray) or len(value) == 0:
-        raise ValueError("must be a list and not empty")
-    numbers, problems = [], []
-    for index, item in enumerate(value):
-        try:
-            numbers.append(read_number(item))
-        except ValueError as error:
-            problems.append(f"[{index}] = {shown(item)}: {error}")
-    if problems:
-        raise ValueError("; ".join(problems))
-    return tuple(numbers)
-
-
-def _read_increasing(value: Any, read_number: Callable[[Any], float]) -> tuple[float, ...]:
-    numbers = _read_list(value, read_number)
-    if any(right <= left for left, right in pairwise(numbers)):
-        raise ValueError("must increase from one entry to the next")
-    return numbers

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,9 +13,6 @@ from fvswell.models import ELECTROCHEMICAL, MODELS
 from fvswell.permeability import hydraulic_permeability, open_circuit_permeability
 from fvswell.solid import aggregate_modulus
 from fvswell.tissue import Array, Tissue
-
-if TYPE_CHECKING:
-    from fvswell.block_run import BlockRun
 
 __all__ = ["Characteristics", "RestStates", "characteristics", "salt_diffusivity"]
 
@@ -50,9 +46,7 @@ def characteristics(case: Case) -> Characteristics:
         If no state at rest is found for a block.
     """
     if isinstance(case, BlockCase):
-        from fvswell.block_run import BlockRun  # blocks only
-
-        return _of_block({name: BlockRun(case.with_changes({"model": name})) for name in MODELS})
+        return _of_block(case)
     batches = {name: ColumnBatch.of([case], model) for name, model in MODELS.items()}
     full = batches[ELECTROCHEMICAL.name]
     tissue, J = full.cells.tissue, full.initial_volume_ratio
@@ -85,7 +79,14 @@ def _rest_states(batch: ColumnBatch) -> RestStates:
     return RestStates(stretch, stretch, tuple(strain.tolist()))
 
 
-def _of_block(runs: dict[str, BlockRun]) -> Characteristics:
+def _of_block(case: BlockCase) -> Characteristics:
+    from fvswell.block_run import BlockRun  # which columns need not wait for
+
+    runs = {}
+    for name in MODELS:
+        changed = case.with_changes({"model": name})
+        assert isinstance(changed, BlockCase)
+        runs[name] = BlockRun(changed)
     full = runs[ELECTROCHEMICAL.name]
     tissue, J = full.tissue, full.initial_volume_ratio
     ions = ion_concentrations(tissue, J, np.log(full.case.bath.concentration))

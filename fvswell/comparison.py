@@ -204,11 +204,11 @@ def compare_results(results: Mapping[str, xr.Dataset]) -> Comparison:
                 **local,
             }
             if is_block(base):
-                place = {axis: float(base[f"face_{axis}"][cell]) for axis in AXES}
-                ends = {"final": float(own[-1]), "reference_final": float(data[-1])}
+                place: dict[str, Any] = {axis: float(base[f"face_{axis}"][cell]) for axis in AXES}
+                ends: dict[str, Any] = {"final": float(own[-1]), "reference_final": float(data[-1])}
                 differences.append(BlockDifference(**common, **place, **ends))
             else:
-                rest = {
+                rest: dict[str, Any] = {
                     "equilibrium_strain": float(results[model]["equilibrium_strain"][index]),
                     "reference_equilibrium_strain": float(base["equilibrium_strain"][index]),
                 }

@@ -9,8 +9,9 @@ import numpy as np
 
 from fvswell.case import BlockCase, Case
 from fvswell.case_block_schema import EDGES, EdgeLoad
+from fvswell.case_profiles import DepthProfile, PlaneProfile
 from fvswell.case_reading import value_type
-from fvswell.case_values import DepthProfile, PlaneProfile, Ramp, RelaxationTimes
+from fvswell.case_values import Ramp, RelaxationTimes
 from fvswell.comparison import BlockDifference, ColumnDifference
 from fvswell.console import TextTable, percent
 from fvswell.fields import FIELDS

@@ -56,11 +56,12 @@ class Balance(NamedTuple):
 
     def rows(self, index: Array) -> Balance:
         """The balances of a subset of the rows."""
-        stacked = (self.residual, self.contents, self.fluxes)
-        local = (
-            PointState(*(part[index] if part.ndim else part for part in state)) for state in (self.cells, self.faces)
-        )
-        return Balance(*(part[:, index] for part in stacked), *local, self.gradients[:, index])
+
+        def own(state: PointState) -> PointState:
+            return PointState(*(values[index] if values.ndim else values for values in state))
+
+        stacked = {name: getattr(self, name)[:, index] for name in ("residual", "contents", "fluxes", "gradients")}
+        return self._replace(cells=own(self.cells), faces=own(self.faces), **stacked)
 
     def put(self, index: Array, other: Balance) -> None:
         """Take over a subset of the rows from the balances of just those."""

@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 
 import fvswell
 from fvswell.case import MODELS, Case, CaseError, load_case, parse_setting, starter_text
+from fvswell.case_profiles import DepthProfile
 from fvswell.case_reading import tables_below, value_type
 from fvswell.case_reference import case_reference
 from fvswell.case_schema import CaseTable
-from fvswell.case_values import DepthProfile, Ramp, RelaxationTimes, final_value
+from fvswell.case_values import Ramp, RelaxationTimes, final_value
 from fvswell.equilibrium import equilibrium_volume_ratio
 from fvswell.tissue import Tissue
 

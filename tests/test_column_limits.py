@@ -35,7 +35,11 @@ def test_fast_ions_make_biphasic_swelling(protocol: Case) -> None:
 
 def test_without_charge_and_bath_change_all_models_are_biphasic() -> None:
     """Ions move with the water (no hindrance), so the salt stays as it is."""
-    changes = {"tissue__fixed_charge_density": 0.0, "tissue__osmotic_coefficient": 0.93, "tissue__hindrance_factor": 0.0}
+    changes = {
+        "tissue__fixed_charge_density": 0.0,
+        "tissue__osmotic_coefficient": 0.93,
+        "tissue__hindrance_factor": 0.0,
+    }
     case = compression(**SMALL, **changes)
     plain = fvswell.run(case, "biphasic")
     for model in ("biphasic-swelling", "electrochemical"):

@@ -87,8 +87,6 @@ def test_given_permeability_counts_in_biphasic_swelling() -> None:
     )
     assert np.all(free["global_strain"][1:11] < hindered["global_strain"][1:11])
     ratio = 8.3945e-4 / 1e-3
-    scaled = case.with_changes(
-        {"open_circuit_permeability": "none", "tissue.hydraulic_permeability": 1e-3 * ratio}
-    )
+    scaled = case.with_changes({"open_circuit_permeability": "none", "tissue.hydraulic_permeability": 1e-3 * ratio})
     same = fvswell.run(scaled, "biphasic-swelling")
     np.testing.assert_allclose(same["global_strain"], hindered["global_strain"], atol=1e-5)

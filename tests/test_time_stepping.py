@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -174,7 +175,7 @@ def test_order_on_the_nonlinear_column(model: str, scheme: Scheme, order: float)
     for steps in (40, 80, 160):
         run, _ = march(case.with_changes({"time.steps_per_phase": steps}), StepControl(scheme), model)
         final.append(run.state.unknowns[: 1 if model == "biphasic" else 2, 0])
-    change = [np.abs(b - a).max(axis=1) for a, b in zip(final, final[1:], strict=False)]
+    change = [np.abs(b - a).max(axis=1) for a, b in pairwise(final)]
     np.testing.assert_allclose(np.log2(change[0] / change[1]), order, atol=0.15)
 
 

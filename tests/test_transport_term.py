@@ -188,9 +188,9 @@ def test_unbound_term_says_what_is_missing() -> None:
 
 @pytest.mark.parametrize("model", MODELS)
 def test_newton_converges_quadratically(model: str) -> None:
-    """The error's logarithm doubles: what is left after a step is a constant times the square of the error before."""
-    batch = ColumnBatch.of([compression(geometry__cells=12, **{k.replace(".", "__"): v for k, v in STIFFENING.items()})],
-                           MODELS[model])  # fmt: skip
+    """What is left after a step is a constant times the square of the error before."""
+    case = compression(geometry__cells=12).with_changes(STIFFENING)
+    batch = ColumnBatch.of([case], MODELS[model])
     start = batch.start()
     _, _, interval = moved(model, seed=1)
     loads = interval.loads._replace(applied_pressure=np.array([[0.25]]))
@@ -208,7 +208,7 @@ def test_newton_converges_quadratically(model: str) -> None:
 
 @pytest.mark.parametrize("model", MODELS)
 def test_rows_iterate_as_they_would_alone(model: str) -> None:
-    """Three columns with their own steps, loads and baths: as many iterations and, to rounding, what each gives alone."""
+    """Three columns with their own steps, loads and baths: as many iterations, the same result to rounding."""
     cases = [compression(geometry__cells=10, tissue__youngs_modulus=E) for E in (0.1, 0.3, 0.5)]
     batch = ColumnBatch.of(cases, MODELS[model])
     start = batch.start()

@@ -1,0 +1,83 @@
+"""What is told of cases of blocks that cannot be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from small_blocks import small_block
+from small_cases import CASES
+from typer.testing import CliRunner
+
+from fvswell.case import Case, CaseError
+from fvswell.cli import app
+
+TEXT = (CASES / "plane_strain.toml").read_text(encoding="utf-8")
+
+
+def problems(**changes: Any) -> str:
+    with pytest.raises(CaseError) as error:
+        small_block(**changes)
+    return str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"geometry__edges__right__permeable": False}, "no edge is permeable: at least one has to be open to the bath"),
+        (
+            {"geometry__edges__left__displacement": "fixed"},
+            "the top edge is tied to move as one, but ends at the left edge, which is fixed",
+        ),
+        (
+            {"geometry__edges__bottom__displacement": "free", "geometry__edges__left__displacement": "free"},
+            "nothing keeps the block from moving along x or moving along y",
+        ),
+        ({"geometry__edges__bottom__displacement": "free"}, "nothing keeps the block from moving along y"),
+        ({"geometry__probe": ["11 mm", "5 mm"]}, "lies outside the block, which is 10 mm x 5 mm"),
+        ({"geometry__cells": [0, 4]}, "geometry.cells"),
+        ({"geometry__height": 0.0}, "geometry.height"),
+        ({"geometry__width": "-1 mm"}, "geometry.width"),
+        ({"geometry__grading": 0.5}, "geometry.grading"),
+        ({"geometry__finest_at": ["rihgt"]}, "right"),
+        ({"geometry__edges__top__displacement": "glued"}, "geometry.edges.top.displacement"),
+        ({"phase__compression__bottom": {"pressure": 0.1}}, "the edge is fixed: it can be given for free or tied"),
+        ({"phase__compression__right": {"force": 0.1}}, "the edge is free: it can be given for tied"),
+        ({"phase__compression__top": {"displacement": -0.1}}, "jumps, which needs infinite pressure"),
+        ({"phase__swelling__duration": "1 relaxation times"}, "relaxation times are of columns"),
+        (
+            {"tissue__youngs_modulus": {"depth": [0.0, 1.0], "value": [0.5, 1.0]}},
+            "varies with depth: in a block give {x = [...], y = [...], value = [[...]]}",
+        ),
+    ],
+)
+def test_block_that_cannot_be_is_refused(changes: dict[str, Any], told: str) -> None:
+    assert told in problems(**changes)
+
+
+def test_axis_of_a_disc_is_a_closed_roller() -> None:
+    told = problems(
+        geometry__kind="axisymmetric", geometry__radius=10.0, geometry__edges__left__permeable=True,
+        geometry__width=None,
+    )  # fmt: skip
+    assert "the left edge is the axis of the disc: it has to be a roller and impermeable" in told
+
+
+def test_all_problems_are_told_at_once() -> None:
+    told = problems(geometry__probe=[11.0, 5.0], geometry__edges__right__permeable=False).splitlines()
+    assert len(told) == 2
+    assert all("plane_strain.toml" in line for line in told)
+
+
+def test_command_line_refuses_with_code_2(tmp_path: Path) -> None:
+    path = tmp_path / "case.toml"
+    path.write_text(TEXT.replace('probe = ["10 mm", "5 mm"]', 'probe = ["10 mm", "6 mm"]'), encoding="utf-8")
+    done = CliRunner().invoke(app, ["check", str(path)])
+    assert done.exit_code == 2
+    assert f"error: {path}: geometry.probe = [10, 6]: lies outside the block" in done.stderr.replace('"', "")
+
+
+def test_case_of_a_block_survives_writing() -> None:
+    case = Case.from_toml(TEXT)
+    assert Case.from_toml(case.to_toml()) == case

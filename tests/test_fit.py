@@ -1,0 +1,90 @@
+"""The fit: it finds what is known, and tells what it did."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from small_blocks import small_block
+from small_cases import small_compression
+from typer.testing import CliRunner
+
+from fvswell.case import Case, CaseError
+from fvswell.characteristics import characteristics
+from fvswell.cli import app
+from fvswell.fit import fit, fit_problem
+
+
+def gentle_compression(**changes: object) -> Case:
+    return small_compression(phase__loading__piston_pressure=2e-3, time__steps_per_phase=20, **changes)
+
+
+def test_fit_of_a_column_finds_the_models_own_permeability_where_salt_is_fast() -> None:
+    fast = gentle_compression(tissue__cation_diffusivity=0.5, tissue__anion_diffusivity=0.5)
+    found = fit(fast)
+    assert found.ratio == pytest.approx(1.0, abs=4e-3)
+    assert found.best.r_squared[0] > 0.99999
+    assert not found.at_limit
+
+
+def test_fit_of_a_column_comes_near_the_open_circuit_permeability() -> None:
+    case = gentle_compression()
+    found, expected = fit(case), characteristics(case).open_circuit_ratio[0]
+    # below it, as the salt that diffuses with its own slowness holds back the full model further
+    assert 0.95 * expected < found.ratio < expected
+    assert found.best.r_squared[0] > 0.999 > found.before.r_squared[0]
+    assert found.best.squares == min(trial.squares for trial in found.trials)
+    assert found.reference_result.sizes["phase"] == 1  # what does not count is not run
+    assert found.fitted_result.attrs["model"] == "biphasic-swelling"
+
+
+def test_fit_of_a_block_on_a_later_phase() -> None:
+    found = fit(small_block(), phases=["compression"], limits=(5e-4, "2e-3 mm^4/(N s)"))
+    assert found.problem.phases == ("compression",)
+    assert found.quantities == ("probe_displacement_x",)
+    assert found.best.r_squared[0] > found.before.r_squared[0]
+    assert 0.5 < found.ratio < 2.0
+
+
+def test_optimum_beyond_the_limits_is_told() -> None:
+    found = fit(gentle_compression(), limits=(9e-4, 1.2e-3))
+    assert found.at_limit
+    assert found.best.value == pytest.approx(9e-4, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"parameter": "hydraulic_permeabilty"}, "did you mean hydraulic_permeability?"),
+        ({"parameter": "solid"}, "must be of youngs_modulus"),
+        ({"reference": "biphasic"}, "must be a fuller model than biphasic-swelling: electrochemical"),
+        ({"phases": ["laoding"]}, "did you mean loading?"),
+        ({"limits": (2e-3, 1e-3)}, "must be above 0 and increase"),
+        ({"limits": ("1 mm", 1e-3)}, "between = 1 mm"),
+        ({"limits": (1e-3,)}, "must be two values"),
+    ],
+)
+def test_fit_that_cannot_be_is_refused(arguments: dict[str, object], told: str) -> None:
+    with pytest.raises(CaseError, match=told.replace("?", r"\?")):
+        fit_problem(
+            small_compression(), **({"parameter": "hydraulic_permeability", "reference": "electrochemical"} | arguments)
+        )  # type: ignore[arg-type]
+
+
+def test_fit_by_the_command_line(tmp_path: Path) -> None:
+    path = tmp_path / "case.toml"
+    path.write_text(gentle_compression().to_toml(), encoding="utf-8")
+    command = ["fit", str(path), "-o", str(tmp_path / "fit"), "--between", "6e-4 mm^4/(N s), 1.2e-3"]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.stderr
+    names = {"fit.csv", "fit_electrochemical.nc", "fit_biphasic-swelling.nc"}
+    assert {file.name for file in (tmp_path / "fit").iterdir()} == names
+    rows = (tmp_path / "fit" / "fit.csv").read_text().splitlines()
+    assert rows[0] == "run,hydraulic_permeability,r_squared loading"
+    assert rows[1].startswith("1,0.001,")
+    assert f"{len(rows) - 1} runs of the fitted model" in done.stdout
+    assert "best hydraulic permeability: 0.0008" in done.stdout
+    assert "11.96" not in done.stdout  # that is of a block
+    again = CliRunner().invoke(app, command)
+    assert again.exit_code == 2
+    assert "is there already; use --force" in again.stderr
