@@ -168,8 +168,9 @@ class BlockRun:
         strains = []
         for p in range(len(case.phase)):
             value = {name: np.nan_to_num(drive.target[0, p]) for name, drive in drives.items()}
-            pressures = [value.get(f"{edge}.pressure", 0.0) + value.get(f"{edge}.force", 0.0) / area
-                         for edge, area in zip(EDGES, areas, strict=True)]  # fmt: skip
+            pressures = [value.get(f"{edge}.pressure", 0.0) for edge in EDGES]
+            pressures += [value[name] / area for edge, area in zip(EDGES, areas, strict=True)
+                          if (name := f"{edge}.force") in value]  # fmt: skip
             largest = max(pressures, key=abs)
             rest = [
                 equilibrium_volume_ratio(

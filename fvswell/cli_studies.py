@@ -11,7 +11,7 @@ import typer
 
 from fvswell.case_errors import CaseError, Problem
 from fvswell.cli_arguments import CaseFile, Directory, Force, Quiet, Settings, output_directory, read_case
-from fvswell.console import INTERRUPTED, Console, told_errors
+from fvswell.console import INTERRUPTED, Console, TextTable, told_errors
 
 if TYPE_CHECKING:
     from fvswell.study_run import StudyProgress
@@ -119,6 +119,52 @@ def advise(case_file: CaseFile, settings: Settings = None) -> None:
         console.lines("")
         console.table(table)
     console.lines("", *advice_lines(advice))
+
+
+@app.command()
+@told_errors
+def paper(
+    directory: Annotated[
+        Path, typer.Argument(metavar="[DIR]", help="Directory with compression.toml and swelling.toml.")
+    ] = Path("cases/paper"),
+    sweep: Annotated[Path, typer.Option(metavar="STUDY", help="The study of tissue properties.")] = Path(
+        "cases/studies/paper.toml"
+    ),
+    processes: Processes = None,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Directory to write to.")] = Path(
+        "output/paper"
+    ),
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Draw figures 3 to 8 of Wilson et al. (2005) anew.
+
+    Tells what the paper reports beside what comes out, and writes the figures (.png and .pdf), paper.csv and study.nc,
+    the result of the sweep, to output/paper. A sweep that is there already is not run again.
+    """
+    from fvswell.case import load_case
+    from fvswell.paper import claims, paper_results, write_claims
+    from fvswell.paper_figures import FIGURES, paper_figures
+    from fvswell.plots import save_figure
+    from fvswell.results import refuse_existing
+    from fvswell.study import load_study
+
+    paths = [output / f"{name}.{suffix}" for name in FIGURES for suffix in ("png", "pdf")]
+    table = output / "paper.csv"
+    refuse_existing([*paths, table], force)
+    console = Console(quiet)
+    compression, swelling = (load_case(directory / f"{name}.toml") for name in ("compression", "swelling"))
+    whole = load_study(sweep)
+    with _told_interruption(), _study_progress(console) as report:
+        results = paper_results(compression, swelling, whole, output / "study.nc", processes, report)
+    for name, figure in paper_figures(results).items():
+        for suffix in ("png", "pdf"):
+            save_figure(figure, output / f"{name}.{suffix}")
+    found = claims(results)
+    write_claims(table, found)
+    rows = [[claim.subject, claim.paper, claim.here, claim.agrees] for claim in found]
+    console.table(TextTable("What the paper reports, and what comes out here", ["", "paper", "here", "agrees"], rows))
+    console.lines("", *(f"wrote {path}" for path in (*paths, table)))
 
 
 @app.command()

@@ -108,7 +108,7 @@ class _PlainProgress:
         left = (time.perf_counter() - self.began) * (1.0 / share - 1.0)
         typer.echo(
             f"{self.model}: {100.0 * share:3.0f} %, t = {progress.time:.5g} s, "
-            f"strain {percent(progress.strain)}, {left:.0f} s left"
+            f"strain {percent(progress.strain)}, {max(left, 0.0):.0f} s left"
         )
 
 

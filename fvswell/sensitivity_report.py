@@ -61,7 +61,7 @@ def write_sensitivity(path: Path, results: Sequence[Sensitivity]) -> None:
 
 @in_print_style
 def sensitivity_figure(results: Sequence[Sensitivity]) -> Figure:
-    """Bars of the total index, the part of the first index filled, with 95 % intervals; a panel for each phase."""
+    """Wide bars for total indices with 95 % intervals, narrow ones for first indices; a panel for each phase."""
     columns = max(len(result.phases) for result in results)
     height = sum(0.9 + 0.27 * len(result.parameters) for result in results)
     figure = Figure(figsize=(PAGE_WIDTH, height), layout="constrained")
@@ -72,11 +72,15 @@ def sensitivity_figure(results: Sequence[Sensitivity]) -> Figure:
         place = np.arange(len(order))
         for phase, (panel, name) in enumerate(zip(row, result.phases, strict=False)):
             for shift, (source, indices) in zip((0.5, -0.5), _sources(result), strict=False):
-                at, style = place + shift * _BAR, {"height": _BAR, "color": _SOURCES[source]}
-                error: dict[str, Any] = {"linewidth": 0.7, "color": "0.25"}
-                panel.barh(at, indices.total[order, phase], alpha=0.35, xerr=indices.total_confidence[order, phase],
-                           error_kw=error, label=f"{source}, total", **style)  # fmt: skip
-                panel.barh(at, np.maximum(indices.first[order, phase], 0.0), label=f"{source}, first", **style)
+                total, first = indices.total[order, phase], np.maximum(indices.first[order, phase], 0.0)
+                style: dict[str, Any] = {"color": _SOURCES[source]}
+                error = {
+                    "xerr": indices.total_confidence[order, phase],
+                    "error_kw": {"linewidth": 0.7, "color": "0.25"},
+                }
+                at = place + shift * _BAR
+                panel.barh(at, total, _BAR, alpha=0.35, label=f"{source}, total", **error, **style)
+                panel.barh(at, first, 0.4 * _BAR, label=f"{source}, first", **style)
             panel.set_yticks(place, [result.parameters[i].replace("_", " ") for i in order])
             panel.tick_params(labelleft=phase == 0, left=False)
             panel.set(title=f"{result.protocol}, {name}", xlim=(0.0, None), xlabel="Sobol index of log$_{10}(1 - R^2)$")

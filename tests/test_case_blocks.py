@@ -75,7 +75,7 @@ def test_command_line_refuses_with_code_2(tmp_path: Path) -> None:
     path.write_text(TEXT.replace('probe = ["10 mm", "5 mm"]', 'probe = ["10 mm", "6 mm"]'), encoding="utf-8")
     done = CliRunner().invoke(app, ["check", str(path)])
     assert done.exit_code == 2
-    assert f"error: {path}: geometry.probe = [10, 6]: lies outside the block" in done.stderr.replace('"', "")
+    assert f"error: {path}: geometry.probe = [10 mm, 6 mm]: lies outside the block" in done.stderr.replace('"', "")
 
 
 def test_case_of_a_block_survives_writing() -> None:

@@ -28,10 +28,11 @@ LAYERED = {
     "tissue__hydraulic_permeability": {"depth": [0.0, 0.5], "value": [2e-3, 5e-4]},
     "open_circuit_permeability": "state",
 }  # fmt: skip
+WEAKER = {"ramp_to": 1e-4, "over": 99.0}
 PISTON = [
     {"name": "ramp", "duration": 60.0, "piston_displacement": {"ramp_to": -0.06, "over": 40.0}},
     {"name": "bath", "duration": 300.0, "piston_displacement": -0.06, "bath_concentration": 3e-4},
-    {"name": "release", "duration": 300.0, "piston_pressure": 0.02, "bath_concentration": {"ramp_to": 1e-4, "over": 99.0}},
+    {"name": "release", "duration": 300.0, "piston_pressure": 0.02, "bath_concentration": WEAKER},
 ]  # fmt: skip
 PROTOCOLS: dict[str, Case] = {
     "compression": compression(**SMALL),

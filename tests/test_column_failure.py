@@ -68,7 +68,7 @@ def test_lost_matter_is_not_passed_over(monkeypatch: pytest.MonkeyPatch) -> None
         return solution
 
     monkeypatch.setattr(ColumnSystem, "solve", leak)
-    with pytest.raises(SolverError, match="a balance is off by .* of what crossed the boundary") as raised:
+    with pytest.raises(SolverError, match=r"a balance is off by .* of what crossed the boundary") as raised:
         fvswell.run(compression(geometry__cells=10), "biphasic")
     assert raised.value.result.attrs["run_status"].startswith("stopped")
     assert raised.value.result["volume_balance_error"].max() > 1e-8
@@ -84,7 +84,7 @@ def squeezed(model: str) -> Case:
 
 def test_piston_that_is_too_fast_for_the_water_is_told() -> None:
     """The cells at the filter dry out: the solid alone bears any suction down to no water at all."""
-    with pytest.raises(SolverError, match="stopped at t = 0.59.*volume balance did not converge") as raised:
+    with pytest.raises(SolverError, match=r"stopped at t = 0.59.*volume balance did not converge") as raised:
         fvswell.run(squeezed("biphasic"))
     result = raised.value.result
     assert 0.0 < result["fluid_fraction"].min() < 1e-6

@@ -84,11 +84,11 @@ def check(case: Case, model: str) -> None:
             assert result["height"][-1] == pytest.approx(float(aim), rel=1e-10)
     except SolverError as error:
         result = error.result
-        status = result.attrs["run_status"]
+    status = result.attrs["run_status"]
+    if status != "complete":
         assert status.startswith("stopped at t = ")
         assert "balance did not converge" in status
-        dry = result["fluid_fraction"].min()
-        assert dry < 0.02, f"it gave up with water in every cell: {status}"
+        assert result["fluid_fraction"].min() < 0.02, f"it gave up with water in every cell: {status}"
     assert np.all(np.isfinite(result["volume_ratio"]))
     assert np.all(result["fluid_fraction"] > 0.0)
     for name in result:

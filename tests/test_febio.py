@@ -74,8 +74,10 @@ def test_same_steps_give_the_same_strain(name: str) -> None:
 
 @pytest.mark.parametrize("name", CASES)
 def test_error_controlled_scheme_is_theirs_but_for_their_error_in_time(name: str) -> None:
-    """Within 0.4 % from 22 s after each change, 0.43 % at 20 s; what remains once their first-order error, as measured on
-    our own backward Euler with their step, is taken off is below 0.05 %, at every time from the first step on.
+    """Within 0.4 % from 22 s after each change, 0.43 % at 20 s.
+
+    What remains once their first-order error, as measured on our own backward Euler with their step, is taken off is
+    below 0.05 %, at every time from the first step on.
     """
     since_change = judged_times(name) % 600.0
     theirs, ours = judged(name, febio(name)[1]), controlled(name)

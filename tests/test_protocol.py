@@ -56,10 +56,11 @@ def test_next_target(phase: int, time: float, expected: list[float]) -> None:
 
 def test_case_becomes_a_protocol() -> None:
     """The bath keeps its value where a phase does not name it; heights are relative to the equilibrated sample."""
+    bath = {"ramp_to": 2e-4, "over": 9.0}
     case = compression(phase=[
         {"name": "a", "duration": 10.0, "piston_pressure": {"ramp_to": 0.1, "over": 4.0}, "bath_concentration": 1e-4},
         {"name": "b", "duration": 20.0, "piston_displacement": {"ramp_to": -0.05, "over": 7.0}},
-        {"name": "c", "duration": 30.0, "piston_displacement": -0.05, "bath_concentration": {"ramp_to": 2e-4, "over": 9.0}},
+        {"name": "c", "duration": 30.0, "piston_displacement": -0.05, "bath_concentration": bath},
     ], time__scheme="sdirk2", output__times=[1.0, 15.0, 60.0])  # fmt: skip
     batch = ColumnBatch.of([case])
     protocol = batch.protocol(np.array([[10.0, 20.0, 30.0]]))

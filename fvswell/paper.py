@@ -1,0 +1,242 @@
+"""What Wilson, van Donkelaar & Huyghe (2005) report of columns, beside what comes out here.
+
+Our copy of the paper lost figures and some numbers; what is known of its results is listed here, and nothing was tuned
+to meet it.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterator
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+import fvswell
+from fvswell.case import Case, CaseError
+from fvswell.case_errors import Problem, shown
+from fvswell.comparison import ColumnDifference, Comparison, compare
+from fvswell.console import percent
+from fvswell.errors import OutputError
+from fvswell.rules import CurveFit, paper_fits
+from fvswell.study import Study
+from fvswell.study_file import read_study
+from fvswell.study_points import CURVES, PAPER_MODELS, StudyPoints, study_points
+from fvswell.study_run import StudyProgress, run_study
+from fvswell.tissue import Array
+
+__all__ = ["Claim", "PaperResults", "claims", "paper_results", "write_claims"]
+
+_CLOSE = 0.1  # relative: as near as the paper's own numbers can be known
+_REDUCED, _FULL = PAPER_MODELS
+
+
+@dataclass(frozen=True)
+class PaperResults:
+    """Everything that the paper's figures of columns show."""
+
+    compression: Comparison
+    swelling: Comparison
+    sweep: xr.Dataset
+    points: StudyPoints  # of the sweep
+    fits: dict[str, CurveFit]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """Something that the paper reports."""
+
+    subject: str
+    paper: str
+    here: str
+    agrees: str  # yes, no, or partly
+
+
+def paper_results(
+    compression: Case,
+    swelling: Case,
+    sweep: Study,
+    path: Path,
+    processes: int | None = None,
+    report: Callable[[StudyProgress], None] | None = None,
+) -> PaperResults:
+    """Run what the paper's figures of columns need.
+
+    Parameters
+    ----------
+    compression, swelling
+        The two protocols, each with a phase of loading and one of unloading.
+    sweep
+        The study over tissue properties.
+    path
+        File of its result. One that is there already is taken if it is of the same study and program.
+    processes
+        Number of processes for the sweep.
+    report
+        Told of the sweep's progress.
+
+    Raises
+    ------
+    CaseError
+        If a protocol is not of a column with two phases.
+    OutputError
+        If files cannot be written.
+    SolverError
+        If a run of the two protocols had to stop.
+    """
+    for case in (compression, swelling):
+        if case.geometry.kind != "column" or len(case.phase) != 2:
+            told = "must be a column with two phases, as in the paper"
+            raise CaseError([Problem("phase", shown([phase.name for phase in case.phase]), told)], case.source)
+    pressed, swollen = compare(compression), compare(swelling)
+    dataset = _finished_sweep(sweep, path)
+    if dataset is None:
+        run_study(sweep, path, processes=processes, replace=True, report=report)
+        dataset = read_study(path)
+    points = study_points(dataset)
+    return PaperResults(pressed, swollen, dataset, points, paper_fits(points))
+
+
+def claims(results: PaperResults) -> list[Claim]:
+    """The paper's findings in the order of its figures, with ours."""
+    return [*_of_rest(results), *_of_differences(results), *_of_sweep(results)]
+
+
+def write_claims(path: Path, table: list[Claim]) -> None:
+    """Write the findings as text with commas.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    try:
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow([field.name for field in fields(Claim)])
+            writer.writerows(astuple(claim) for claim in table)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def _finished_sweep(sweep: Study, path: Path) -> xr.Dataset | None:
+    """The result of the sweep if it is there already."""
+    if not path.exists():
+        return None
+    dataset = read_study(path)
+    same = dataset.attrs["study_sha256"] == sweep.sha256
+    return dataset if same and dataset.attrs["source"].startswith(f"fvswell {fvswell.__version__},") else None
+
+
+def _of_rest(results: PaperResults) -> Iterator[Claim]:
+    strains = {
+        name: [(d.equilibrium_strain, d.reference_equilibrium_strain) for d in _differences(comparison, _REDUCED)]
+        for name, comparison in (("compression", results.compression), ("swelling", results.swelling))
+    }
+    apart = max(abs(own - full) for pairs in strains.values() for own, full in pairs)
+    yield Claim("strains at rest of the two swelling models", "equal", f"{apart:.0e} apart", _yes(apart < 1e-6))
+    biphasic = _differences(results.compression, "biphasic")[0]
+    own, full = biphasic.equilibrium_strain, biphasic.reference_equilibrium_strain
+    yield Claim(
+        "compression at rest, biphasic",
+        "larger than with swelling",
+        f"{percent(own)}, else {percent(full)}",
+        _yes(own < full),
+    )
+    most = float(np.abs(results.swelling.results["biphasic"]["global_strain"]).max())
+    yield Claim("swelling, biphasic", "none", f"{most:.0e}", _yes(most < 1e-9))
+
+
+def _of_differences(results: PaperResults) -> Iterator[Claim]:
+    """Where and when biphasic-swelling and electrochemical are farthest apart, and their R^2."""
+    reported = ((results.compression, "compression", 144.0, 0.39), (results.swelling, "swelling", 149.0, 0.30))
+    for comparison, name, time, local in reported:
+        both = _differences(comparison, _REDUCED)
+        ends = comparison.results[_FULL]["phase_end"].values
+        shares = [d.time_in_phase / length for d, length in zip(both, np.diff(ends, prepend=0.0), strict=True)]
+        told = " and ".join(f"{100.0 * share:.0f} %" for share in shares)
+        yield Claim(
+            f"{name}: errors are largest",
+            "right after each change",
+            f"at {told} of the phases",
+            _yes(max(shares) < 0.33),
+        )
+        yield Claim(
+            f"{name}: time of the largest global error", f"{time:.0f} s",
+            " and ".join(f"{d.time_in_phase:.0f} s" for d in both) + " after the change",
+            _agreement([_close(d.time_in_phase, time) for d in both]),
+        )  # fmt: skip
+        yield Claim(
+            f"{name}: local strain error then, up to", f"{100.0 * local:.0f} %",
+            " and ".join(f"{100.0 * d.local_strain_ratio:.0f} %" for d in both) + " of the local strain",
+            _agreement([_close(d.local_strain_ratio, local) for d in both]),
+        )  # fmt: skip
+        height = float(comparison.results[_FULL]["x_node"][-1])
+        yield Claim(
+            f"{name}: where", "at the wall", " and ".join(f"x/h = {d.depth / height:.2f}" for d in both),
+            _agreement([d.depth > 0.9 * height for d in both]),
+        )  # fmt: skip
+    yield from _of_r_squared(results)
+
+
+def _of_r_squared(results: PaperResults) -> Iterator[Claim]:
+    points = results.points
+    loading, unloading = (d.r_squared for d in _differences(results.compression, _REDUCED))
+    above = float(np.mean(np.greater(*_by_run(points, points.curve != CURVES.index("swelling"))[::-1])))
+    yield Claim(
+        "compression: R^2", "unloading above loading",
+        f"{loading:.4f} and {unloading:.4f}; above in {100.0 * above:.0f} % of the sweep", _yes(unloading > loading),
+    )  # fmt: skip
+    loading, unloading = (d.r_squared for d in _differences(results.swelling, _REDUCED))
+    first, second = _by_run(points, points.of_curve("swelling"))
+    typical = float(np.median(np.abs(second - first)))
+    yield Claim(
+        "swelling: R^2", "loading and unloading alike",
+        f"{loading:.3f} and {unloading:.3f}; sweep's medians {np.median(first):.2f} and {np.median(second):.2f}, "
+        f"typically {typical:.2f} apart", _yes(typical < 0.1),
+    )  # fmt: skip
+
+
+def _of_sweep(results: PaperResults) -> Iterator[Claim]:
+    for name, low, high in (("compression", 0.04, 0.40), ("swelling", -0.30, 0.07)):
+        own = results.sweep.isel(run=results.sweep["protocol"].values == name, phase=0)
+        strain = own["equilibrium_strain"].sel(model=_FULL).values * (-1.0 if name == "compression" else 1.0)
+        least, most = np.nanmin(strain), np.nanmax(strain)
+        yield Claim(
+            f"sweep: strains at rest in {name}", f"{100.0 * low:.0f} to {100.0 * high:.0f} %",
+            f"{100.0 * least:.0f} to {100.0 * most:.0f} %", _agreement([_close(least, low), _close(most, high)]),
+        )  # fmt: skip
+    for curve, fit in results.fits.items():
+        yield Claim(
+            f"R^2 = 1 - a exp(-b f), {curve}", "a, b illegible",
+            f"a = {fit.a:.3g}, b = {fit.b:.3g}, explains {100.0 * fit.explained:.0f} % of the variance", "-",
+        )  # fmt: skip
+
+
+def _differences(comparison: Comparison, model: str) -> list[ColumnDifference]:
+    """Differences of a model from the reference, phase by phase."""
+    return [d for d in comparison.differences if isinstance(d, ColumnDifference) and d.model == model]
+
+
+def _by_run(points: StudyPoints, chosen: Array) -> tuple[Array, Array]:
+    """R^2 of loading and unloading in the runs that have both among some points."""
+    first, second = (
+        dict(zip(points.run[own], points.r_squared[own], strict=True))
+        for own in (chosen & (points.phase == 0), chosen & (points.phase == 1))
+    )
+    runs = [run for run in first if run in second]
+    return np.array([first[run] for run in runs]), np.array([second[run] for run in runs])
+
+
+def _close(value: float, reported: float) -> bool:
+    return abs(value - reported) <= _CLOSE * abs(reported)
+
+
+def _yes(true: bool | np.bool_) -> str:
+    return "yes" if true else "no"
+
+
+def _agreement(parts: list[bool]) -> str:
+    return "yes" if all(parts) else "partly" if any(parts) else "no"

@@ -1,0 +1,200 @@
+"""Runs of blocks from cases: they agree with columns, conserve, converge, and stop where they have to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from small_blocks import inverting_block, small_block
+from small_cases import CASES, small_compression, small_swelling
+from typer.testing import CliRunner
+
+from fvswell.case import MODELS, BlockCase, Case, load_case
+from fvswell.characteristics import characteristics
+from fvswell.cli import app
+from fvswell.comparison import compare
+from fvswell.errors import SolverError
+from fvswell.results import COMPLETE, read_result
+from fvswell.simulation import Progress, run
+
+
+def column_as_block(column: Case) -> BlockCase:
+    """A one-cell-wide block between rollers with the filter at its bottom."""
+    content = {
+        "title": column.title, "model": column.model, "open_circuit_permeability": column.open_circuit_permeability,
+        "geometry": {
+            "kind": "plane-strain", "width": 0.1, "height": column.geometry.height,
+            "cells": [1, column.geometry.cells], "grading": column.geometry.grading, "finest_at": ["bottom"],
+            "edges": {
+                "left": {"displacement": "roller"}, "right": {"displacement": "roller"},
+                "bottom": {"displacement": "roller", "permeable": True}, "top": {"displacement": "free"},
+            },
+        },
+    }  # fmt: skip
+    dumped = column.model_dump(exclude_none=True)
+    content |= {key: dumped[key] for key in ("tissue", "bath", "time")}
+    content["phase"] = []
+    for phase in dumped["phase"]:
+        pressure = {"pressure": phase.pop("piston_pressure")} if "piston_pressure" in phase else None
+        content["phase"].append(phase | ({"top": pressure} if pressure else {}))
+    block = Case._from_content(content, "column as block")
+    assert isinstance(block, BlockCase)
+    return block
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("column", [small_compression(), small_swelling()], ids=["compression", "swelling"])
+def test_one_cell_wide_block_is_the_column(column: Case, model: str) -> None:
+    column = column.with_changes({"model": model})
+    expected, found = run(column), run(column_as_block(column))
+    np.testing.assert_allclose(found["time"], expected["time"], rtol=1e-14)
+    np.testing.assert_allclose(found["global_strain"], expected["global_strain"], atol=1e-8)
+    np.testing.assert_allclose(found["volume_ratio"], expected["volume_ratio"], atol=1e-8)
+    if model == "electrochemical":
+        np.testing.assert_allclose(found["electric_potential"], expected["electric_potential"], atol=1e-6)  # mV
+
+
+@pytest.fixture(scope="module")
+def results() -> dict[str, xr.Dataset]:
+    return compare(small_block()).results
+
+
+def test_run_conserves_water_salt_and_charge(results: dict[str, xr.Dataset]) -> None:
+    errors = {name for name in results["electrochemical"] if str(name).endswith("_balance_error")}
+    assert errors == {"volume_balance_error", "anion_balance_error", "charge_balance_error"}
+    for result in results.values():
+        for name in errors & set(result):
+            assert float(result[name].max()) < 1e-9
+
+
+def test_block_starts_at_rest_and_both_swelling_models_from_the_same_state(results: dict[str, xr.Dataset]) -> None:
+    full, simple = results["electrochemical"], results["biphasic-swelling"]
+    for axis in "xy":
+        np.testing.assert_allclose(
+            full[f"displacement_{axis}"][0], simple[f"displacement_{axis}"][0], rtol=1e-10, atol=1e-12
+        )
+    for result in results.values():
+        assert result["global_strain"][0] == 0.0
+        assert not np.any(result["water_flux_x"][0])
+    assert np.abs(results["biphasic"]["displacement_x"][0].values).max() < 1e-12
+    assert full["height"][0] > 5.05
+
+
+def test_plate_stays_straight_and_carries_what_it_is_given(results: dict[str, xr.Dataset]) -> None:
+    for result in results.values():
+        top = result["displacement_y"].values[:, result["node_y"].values == 5.0]
+        assert np.ptp(top, axis=1).max() < 1e-12
+        assert float(result["top_pressure"][-1]) == pytest.approx(0.1, rel=1e-12)
+        probe = result["probe_displacement_y"].values
+        np.testing.assert_allclose(probe, result["global_strain"] * result["height"][0], atol=1e-12)
+
+
+def test_swelling_models_come_to_the_same_rest() -> None:
+    long = {"phase__swelling__duration": 2e6, "phase__compression__duration": 2e6}
+    ends = [run(small_block(model=model, **long)).isel(time=-1) for model in ("electrochemical", "biphasic-swelling")]
+    for axis in "xy":
+        found, expected = (end[f"probe_displacement_{axis}"] for end in ends)
+        assert float(found) == pytest.approx(float(expected), rel=1e-4)
+
+
+def test_load_appears_at_once_as_fluid_pressure_without_a_checkerboard() -> None:
+    """A moment after the load the block deforms as an incompressible body: smooth pressure, J as it was."""
+    moment = 0.05  # s, 1e-6 of the consolidation time
+    case = small_block(
+        model="biphasic", geometry__cells=[12, 10], phase__swelling__duration=1.0, time__steps_per_phase=1,
+        phase__compression__duration=moment, phase__compression__top={"pressure": 0.1},
+    )  # fmt: skip
+    last = run(case).isel(time=-1)
+    pressure, J = (last[name].values.reshape(10, 12) for name in ("fluid_pressure", "volume_ratio"))
+    assert pressure[5, 0] > 0.05  # the load is on the fluid
+    # away from the draining edge and its corners, water has not moved
+    assert np.abs(J[:, :6] - 1.0).max() < 2e-3
+    inside = pressure[:, :6]  # falls toward the free edge and toward the plate, from every cell to the next
+    assert (np.diff(inside, axis=0) < 0.0).all()
+    assert (np.diff(inside, axis=1) < 0.0).all()
+
+
+def probe_history(cells: list[int], times: list[float]) -> np.ndarray:
+    case = load_case(CASES / "plane_strain.toml").with_changes(
+        {"geometry.cells": cells, "output.every": None, "output.times": times, "time.tolerance": 3e-3}
+    )
+    return run(case)["probe_displacement_x"].values[-len(times) :]
+
+
+def test_probe_converges_with_the_grid_in_small() -> None:
+    coarse, middle, fine = (probe_history([n, n], [1e4, 6e5, 1.2e6]) for n in (4, 8, 16))
+    assert (np.abs(fine - middle)[1:] < np.abs(middle - coarse)[1:]).all()
+    np.testing.assert_allclose(middle, fine, rtol=0.02)
+
+
+@pytest.mark.slow
+def test_probe_converges_with_the_grid() -> None:
+    times = [100.0, 1e4, 6e5, 1.2e6]
+    histories = [probe_history(cells, times) for cells in ([20, 10], [20, 20], [40, 40])]
+    np.testing.assert_allclose(histories[0], histories[1], rtol=0.02)
+    np.testing.assert_allclose(histories[1][1:], histories[2][1:], rtol=4e-3)
+    np.testing.assert_allclose(histories[1][0], histories[2][0], rtol=0.2)  # a layer thinner than the cells
+
+
+def test_inverting_cells_stop_the_run_with_what_there_is(tmp_path: Path) -> None:
+    path = tmp_path / "case.toml"
+    path.write_text(inverting_block().to_toml(), encoding="utf-8")
+    done = CliRunner().invoke(app, ["run", str(path), "-o", str(tmp_path / "out")])
+    assert done.exit_code == 3
+    assert "stopped at t = " in done.stderr
+    assert "in phase compression" in done.stderr
+    assert "mm, y = " in done.stderr
+    assert "holds the result until then, marked as partial" in done.stderr
+    result = read_result(tmp_path / "out" / "biphasic.nc")
+    assert result.attrs["run_status"].startswith("stopped at t = ")
+    assert 2e4 < float(result["time"][-1]) < 20100.0
+    assert float(result["volume_ratio"].min()) > 0.2  # water in every cell still
+    with pytest.raises(SolverError):
+        run(inverting_block())
+
+
+def test_block_that_nothing_balances_is_refused_before_the_run() -> None:
+    case = small_block(tissue__youngs_modulus=1e-6, tissue__poisson_ratio=0.0)
+    with pytest.raises(SolverError, match="no state at rest was found in the bath of"):
+        run(case)
+
+
+def test_progress_tells_the_strain() -> None:
+    told: list[Progress] = []
+    result = run(small_block(), report=told.append)
+    assert [each.strain for each in told] == result["global_strain"].values.tolist()
+    assert told[-1].time == told[-1].phase_ends[-1]
+
+
+def test_characteristics_of_a_block() -> None:
+    numbers = characteristics(small_block())
+    swollen = numbers.rest["electrochemical"]
+    assert numbers.rest["biphasic"].initial_stretch == pytest.approx(1.0, abs=1e-12)
+    # glued below and free above: between uniaxial (1.0545 with E = 0.5) and free swelling
+    assert 1.02 < swollen.initial_stretch < swollen.initial_volume_ratio < 1.06
+    assert numbers.drainage_length == pytest.approx(10.1, abs=0.1)
+    modulus = 1.0 * 0.7 / (1.3 * 0.4)
+    assert numbers.consolidation_time == pytest.approx(numbers.drainage_length**2 / (1e-3 * modulus), rel=1e-12)
+    assert 0.80 < numbers.open_circuit_ratio[0] < numbers.open_circuit_ratio[1] < 0.85
+
+
+@pytest.mark.parametrize("name", ["plane_strain", "unconfined_disc"])
+def test_cases_of_blocks_are_valid(name: str) -> None:
+    done = CliRunner().invoke(app, ["check", str(CASES / f"{name}.toml")])
+    assert done.exit_code == 0, done.stderr
+    assert "is valid" in done.stdout
+
+
+def test_disc_relaxes_from_the_stress_of_an_incompressible_body_to_that_of_its_solid() -> None:
+    case = load_case(CASES / "unconfined_disc.toml").with_changes({"geometry.cells": [10, 1], "model": "biphasic"})
+    result = run(case)
+    assert result.attrs["run_status"] == COMPLETE
+    pressure, volume = result["top_pressure"].values, result["volume_ratio"].values
+    # without friction uniaxial stress: 3 G before any water has left, E at rest, at small strain
+    assert pressure[-1] == pytest.approx(0.5 * 0.05, rel=0.05)
+    assert 1.1 < pressure.max() / pressure[-1] < 1.5 / 1.3 + 0.02
+    np.testing.assert_allclose(volume[-1], volume[-1].mean(), rtol=1e-3)
+    bulging = result["probe_displacement_x"].values
+    assert bulging.max() > bulging[-1] > 0.0  # it bulges, and then gives water away
