@@ -139,21 +139,28 @@ class ColumnBatch:
 
     def equilibrium_heights(self) -> Array:
         """Height at rest under the loads that each phase ends with, ``(rows, phases)``, mm."""
-        drives, tissue = self.drives(), self.cells.tissue
-        heights = drives["height"].target.copy()
-        for p in range(heights.shape[1]):
-            J = equilibrium_volume_ratio(
-                tissue, np.nan_to_num(drives["pressure"].target[:, p, None]), drives["bath"].target[:, p, None],
-                self.cells.bath_osmotic_coefficient, self.model.swelling,
-            )  # fmt: skip
-            free = np.broadcast_to(J, self.initial_volume_ratio.shape) @ self.grid.widths
-            heights[:, p] = np.where(np.isnan(drives["pressure"].target[:, p]), heights[:, p], free)
-        return heights
+        held = self.drives()["height"].target
+        return np.where(np.isnan(held), self._free_heights(), held)
 
     def largest_strain(self) -> Array:
-        """Largest equilibrium strain of the protocol, ``(rows,)``."""
-        strain = self.equilibrium_heights() / self.initial_height[:, None] - 1.0
-        return np.maximum(np.abs(strain).max(axis=1), SMALLEST_STRAIN)
+        """Largest equilibrium strain of the protocol, ``(rows,)``.
+
+        Where the piston's position is prescribed, also that of the sample let free: a bath moves a held sample inside.
+        """
+        heights = np.stack([self.equilibrium_heights(), self._free_heights()], axis=1)
+        strain = np.abs(heights / self.initial_height[:, None, None] - 1.0)
+        return np.fmax(np.nan_to_num(strain).max(axis=(1, 2)), SMALLEST_STRAIN)
+
+    def _free_heights(self) -> Array:
+        """As `equilibrium_heights`, pistons that are held let go; nan where that leaves no water."""
+        drives, free = self.drives(), []
+        for pressure, bath in zip(drives["pressure"].target.T, drives["bath"].target.T, strict=True):
+            J = equilibrium_volume_ratio(
+                self.cells.tissue, np.nan_to_num(pressure)[:, None], bath[:, None],
+                self.cells.bath_osmotic_coefficient, self.model.swelling,
+            )  # fmt: skip
+            free.append(np.broadcast_to(J, self.initial_volume_ratio.shape) @ self.grid.widths)
+        return np.stack(free, axis=1)
 
 
 def _stacked(tissues: Sequence[Tissue]) -> Tissue:

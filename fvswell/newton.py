@@ -195,7 +195,7 @@ class _Iterate:
     def _admissible_fraction(self, step: Array) -> Array:
         """Largest part of the step, at most 1, that keeps water in every cell and the others within bounds."""
         room = self.unknowns[0] - self.term.laws.smallest_volume_ratio
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             fraction = np.where(step[0] < 0.0, -0.9 * room / step[0], 1.0).min(axis=-1)
             if len(step) > 1:
                 fraction = np.minimum(fraction, _LARGEST_CHANGE / np.abs(step[1:]).max(axis=(0, 2)))

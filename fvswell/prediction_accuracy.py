@@ -30,7 +30,7 @@ __all__ = [
     "prediction_errors",
 ]
 
-_STRAIN_BOUNDS = (0.0, 0.05, 0.1, 0.2, 0.3, np.inf)
+_STRAIN_BOUNDS = (0.05, 0.1, 0.2, 0.3)
 _CANDIDATES = np.linspace(0.0, 1.0, 21)
 _SEED = 2005
 _FEWEST_POINTS = 10  # that a distribution is told of
@@ -136,11 +136,23 @@ def _strain_class(content: dict[str, Any]) -> StrainClass:
 
 
 def _by_strain(points: StudyPoints, predicted: Array) -> Iterator[StrainClass]:
+    """Classes that cover all strains, joined where there are too few points."""
     for curve in points.curves:
-        for low, high in pairwise(_STRAIN_BOUNDS):
-            own = points.of_curve(curve) & (np.abs(points.strain) >= low) & (np.abs(points.strain) < high)
-            if own.sum() >= _FEWEST_POINTS:
-                yield StrainClass(curve, low, high, prediction_errors(points.r_squared[own], predicted[own]))
+        part = points.of_curve(curve)
+        strain = np.abs(points.strain[part])
+        for low, high in pairwise(_filled_bounds(strain)):
+            own = (strain >= low) & (strain < high)
+            yield StrainClass(curve, low, high, prediction_errors(points.r_squared[part][own], predicted[part][own]))
+
+
+def _filled_bounds(strain: Array) -> list[float]:
+    """Bounds between which there are points enough, from 0 to infinity."""
+    bounds = [0.0]
+    for bound in _STRAIN_BOUNDS:
+        above = np.sum(strain >= bound)
+        if np.sum((strain >= bounds[-1]) & (strain < bound)) >= _FEWEST_POINTS and above >= _FEWEST_POINTS:
+            bounds.append(bound)
+    return [*bounds, np.inf]
 
 
 def _choices(points: StudyPoints, predicted: Array) -> Iterator[Choice]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import curve_fit
+from scipy.optimize import minimize_scalar
 
 from fvswell.study_points import StudyPoints
 from fvswell.tissue import Array
@@ -17,10 +17,12 @@ from fvswell.tissue import Array
 __all__ = ["CurveFit", "fit_curve", "fitted_points", "paper_fits"]
 
 _LARGEST_RATIO_IN_SWELLING = 100.0  # of D+ D-/(E k)^2, as in the paper
-_FEWEST_POINTS = 4
+_FEWEST_POINTS = 10
 _CONFIDENCE = 0.95
 _RESAMPLES = 400
 _SEED = 2005
+_LARGEST_FALL = 20.0  # of ln(1 - R^2) over all points that is looked for
+_SCAN = 21
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ def fit_curve(applicability: Array, r_squared: Array, resamples: int = _RESAMPLE
     Parameters
     ----------
     applicability, r_squared
-        f and R^2 of the points, at least four of each.
+        f and R^2 of the points, at least ten of each.
     resamples
         How many times points are drawn anew for the intervals.
 
@@ -59,10 +61,10 @@ def fit_curve(applicability: Array, r_squared: Array, resamples: int = _RESAMPLE
     """
     if len(r_squared) < _FEWEST_POINTS:
         raise ValueError(f"a curve needs {_FEWEST_POINTS} points, not {len(r_squared)}")
-    a, b = best = _least_squares(applicability, r_squared, _guess(applicability, r_squared))
+    a, b = _least_squares(applicability, r_squared)
     draw = np.random.default_rng(_SEED)
     drawn = [draw.integers(len(r_squared), size=len(r_squared)) for _ in range(resamples)]
-    sample = np.array([_least_squares(applicability[index], r_squared[index], best) for index in drawn])
+    sample = np.array([_least_squares(applicability[index], r_squared[index]) for index in drawn])
     low, high = np.quantile(sample, [0.5 - _CONFIDENCE / 2.0, 0.5 + _CONFIDENCE / 2.0], axis=0)
     residual = r_squared - _curve(applicability, a, b)
     return CurveFit(
@@ -92,18 +94,22 @@ def _curve(applicability: Array, a: float, b: float) -> Array:
     return 1.0 - a * np.exp(-b * applicability)
 
 
-def _guess(applicability: Array, r_squared: Array) -> tuple[float, float]:
-    """From the line through ln(1 - R^2)."""
-    misfit = np.log(np.maximum(1.0 - r_squared, np.finfo(float).tiny))
-    slope, intercept = np.polyfit(applicability, misfit, 1)
-    return float(np.exp(intercept)), max(float(-slope), 1e-3)
+def _least_squares(applicability: Array, r_squared: Array) -> tuple[float, float]:
+    """Best a, and b >= 0. For each b the best a is that of a linear fit, so b alone is searched."""
+    misfit = 1.0 - r_squared
+    middle = applicability.mean()
 
+    def amplitude(b: float) -> tuple[float, Array]:
+        decay = np.exp(-b * (applicability - middle))
+        return float(decay @ misfit / (decay @ decay)), decay
 
-def _least_squares(applicability: Array, r_squared: Array, guess: tuple[float, float]) -> tuple[float, float]:
-    (a, b), _ = curve_fit(_curve, applicability, r_squared, p0=guess, jac=_slopes)
-    return float(a), float(b)
+    def squares(b: float) -> float:
+        a, decay = amplitude(b)
+        return float(((misfit - a * decay) ** 2).sum())
 
-
-def _slopes(applicability: Array, a: float, b: float) -> Array:
-    decay = np.exp(-b * applicability)
-    return np.stack([-decay, a * applicability * decay], axis=1)
+    steepest = _LARGEST_FALL / (float(np.ptp(applicability)) or 1.0)  # points drawn anew may all be one
+    tried = np.linspace(0.0, steepest, _SCAN)
+    best = int(np.argmin([squares(b) for b in tried]))
+    around = tried[max(best - 1, 0)], tried[min(best + 1, _SCAN - 1)]
+    b = float(minimize_scalar(squares, bounds=around, method="bounded", options={"xatol": 1e-9 * steepest}).x)
+    return amplitude(b)[0] * float(np.exp(b * middle)), b

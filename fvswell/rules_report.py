@@ -150,7 +150,8 @@ def draw_fit(axes: Axes, points: StudyPoints, curve: str, fit: CurveFit | None) 
         label = f"$a$ = {fit.a:.3g}, $b$ = {fit.b:.3g}"
         axes.plot(at, np.where(fit(at) < _LEAST_R_SQUARED, np.nan, fit(at)), color="black", label=label)
     axes.set(xlabel=_NUMBERS[curve], ylim=(_LEAST_R_SQUARED if np.any(own & low) else None, 1.03))
-    axes.legend(loc="lower right", frameon=True, framealpha=0.85, edgecolor="none")
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="lower right", frameon=True, framealpha=0.85, edgecolor="none")
 
 
 def _draw_predicted(axes: Axes, points: StudyPoints, curve: str, assessment: Assessment) -> None:

@@ -20,9 +20,8 @@ from fvswell.study_file import read_study
 from fvswell.study_points import CURVES, StudyPoints, study_points
 from fvswell.study_run import run_study
 
-DIFFUSIVITY = studies.parameter(
-    "ions", ["tissue.cation_diffusivity", "tissue.anion_diffusivity"], 2e-4, 2e-3, spacing="log"
-)
+IONS = ["tissue.cation_diffusivity", "tissue.anion_diffusivity"]
+DIFFUSIVITY = studies.parameter("ions", IONS, 5e-4, 1e-2, spacing="log")
 FIXED_TIME = {"phase__loading__duration": 500.0, "phase__unloading__duration": 500.0}
 
 
@@ -58,11 +57,17 @@ def test_the_fit_recovers_known_numbers(a: float, b: float) -> None:
     fit = fit_curve(f, exact, resamples=20)
     assert (fit.a, fit.b) == pytest.approx((a, b), rel=1e-6)
     assert fit.explained == pytest.approx(1.0)
-    noisy = fit_curve(f, exact + draw.normal(0.0, 0.05, 400))
-    assert noisy.a_interval[0] < a < noisy.a_interval[1]
-    assert noisy.b_interval[0] < b < noisy.b_interval[1]
-    assert noisy.scatter == pytest.approx(0.05, rel=0.1)
-    np.testing.assert_allclose(fit(f), exact, rtol=1e-5)
+    np.testing.assert_allclose(fit(f), exact, rtol=0.0, atol=1e-7)
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
+    draw, held = np.random.default_rng(4), []
+    for _ in range(40):
+        f = draw.uniform(-2.0, 3.0, 100)
+        fit = fit_curve(f, 1.0 - 0.2 * np.exp(-0.7 * f) + draw.normal(0.0, 0.05, 100), resamples=80)
+        assert fit.scatter == pytest.approx(0.05, rel=0.3)
+        held += [fit.a_interval[0] < 0.2 < fit.a_interval[1], fit.b_interval[0] < 0.7 < fit.b_interval[1]]
+    assert 0.85 < np.mean(held) < 1.0
 
 
 def test_intervals_shrink_with_the_root_of_the_points() -> None:
@@ -73,11 +78,11 @@ def test_intervals_shrink_with_the_root_of_the_points() -> None:
         fit = fit_curve(f, 1.0 - 0.2 * np.exp(-0.7 * f) + draw.normal(0.0, 0.05, points), resamples=200)
         return fit.a_interval[1] - fit.a_interval[0]
 
-    assert width(4000) == pytest.approx(width(250) / 4.0, rel=0.4)
+    assert width(1600) == pytest.approx(width(100) / 4.0, rel=0.4)
 
 
 def test_a_curve_needs_points() -> None:
-    with pytest.raises(ValueError, match="needs 4 points, not 3"):
+    with pytest.raises(ValueError, match="needs 10 points, not 3"):
         fit_curve(np.arange(3.0), np.arange(3.0))
 
 
