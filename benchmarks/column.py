@@ -63,9 +63,7 @@ def march(case: fvswell.Case, observers=()) -> Marcher:
 def error_controlled(tolerance: float) -> fvswell.Case:
     """The reference compression with SDIRK2, output at the times of comparison."""
     times = [*TIMES, *(DURATION + TIMES)]
-    return timed(CASE).with_changes(
-        {"time": {"scheme": "sdirk2", "tolerance": tolerance}, "output": {"times": times}}
-    )
+    return timed(CASE).with_changes({"time": {"scheme": "sdirk2", "tolerance": tolerance}, "output": {"times": times}})
 
 
 def strains(case: fvswell.Case) -> np.ndarray:

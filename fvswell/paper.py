@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable, Iterator
 from dataclasses import astuple, dataclass, fields
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +18,11 @@ import xarray as xr
 import fvswell
 from fvswell.case import Case, CaseError
 from fvswell.case_errors import Problem, shown
+from fvswell.case_prediction import conditions_of
 from fvswell.comparison import ColumnDifference, Comparison, compare
 from fvswell.console import percent
 from fvswell.errors import OutputError
+from fvswell.predictor import kind_of_change
 from fvswell.rules import CurveFit, paper_fits
 from fvswell.study import Study
 from fvswell.study_file import read_study
@@ -80,16 +83,13 @@ def paper_results(
     Raises
     ------
     CaseError
-        If a protocol is not of a column with two phases.
+        If a protocol is not of a column with two phases, or the sweep lacks compression or swelling.
     OutputError
         If files cannot be written.
     SolverError
         If a run of the two protocols had to stop.
     """
-    for case in (compression, swelling):
-        if case.geometry.kind != "column" or len(case.phase) != 2:
-            told = "must be a column with two phases, as in the paper"
-            raise CaseError([Problem("phase", shown([phase.name for phase in case.phase]), told)], case.source)
+    _check(compression, swelling, sweep)
     pressed, swollen = compare(compression), compare(swelling)
     dataset = _finished_sweep(sweep, path)
     if dataset is None:
@@ -121,6 +121,18 @@ def write_claims(path: Path, table: list[Claim]) -> None:
         raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
 
 
+def _check(compression: Case, swelling: Case, sweep: Study) -> None:
+    """Refuse what the figures cannot be drawn from."""
+    for case in (compression, swelling):
+        if case.geometry.kind != "column" or len(case.phase) != 2:
+            told = "must be a column with two phases, as in the paper"
+            raise CaseError([Problem("phase", shown([phase.name for phase in case.phase]), told)], case.source)
+    kinds = {kind_of_change(*pair).item() for case in sweep.cases for pair in pairwise(conditions_of([case]))}
+    missing = [curve for index, curve in enumerate(CURVES) if index not in kinds]
+    if missing:
+        raise CaseError([Problem("protocol", "", f"the sweep needs phases of {'; '.join(missing)}")], sweep.source)
+
+
 def _finished_sweep(sweep: Study, path: Path) -> xr.Dataset | None:
     """The result of the sweep if it is there already."""
     if not path.exists():
@@ -136,7 +148,7 @@ def _of_rest(results: PaperResults) -> Iterator[Claim]:
         for name, comparison in (("compression", results.compression), ("swelling", results.swelling))
     }
     apart = max(abs(own - full) for pairs in strains.values() for own, full in pairs)
-    yield Claim("strains at rest of the two swelling models", "equal", f"{apart:.0e} apart", _yes(apart < 1e-6))
+    yield Claim("strains at rest of the two swelling models", "equal", f"{apart:.2g} apart", _yes(apart < 1e-6))
     biphasic = _differences(results.compression, "biphasic")[0]
     own, full = biphasic.equilibrium_strain, biphasic.reference_equilibrium_strain
     yield Claim(
@@ -146,7 +158,7 @@ def _of_rest(results: PaperResults) -> Iterator[Claim]:
         _yes(own < full),
     )
     most = float(np.abs(results.swelling.results["biphasic"]["global_strain"]).max())
-    yield Claim("swelling, biphasic", "none", f"{most:.0e}", _yes(most < 1e-9))
+    yield Claim("swelling, biphasic", "none", f"{most:.2g}", _yes(most < 1e-9))
 
 
 def _of_differences(results: PaperResults) -> Iterator[Claim]:
@@ -200,10 +212,11 @@ def _of_r_squared(results: PaperResults) -> Iterator[Claim]:
 
 
 def _of_sweep(results: PaperResults) -> Iterator[Claim]:
-    for name, low, high in (("compression", 0.04, 0.40), ("swelling", -0.30, 0.07)):
-        own = results.sweep.isel(run=results.sweep["protocol"].values == name, phase=0)
-        strain = own["equilibrium_strain"].sel(model=_FULL).values * (-1.0 if name == "compression" else 1.0)
-        least, most = np.nanmin(strain), np.nanmax(strain)
+    points = results.points
+    compressed = -points.strain[points.of_curve("compression, loading") & (points.phase == 0)]
+    swollen = points.strain[points.of_curve("swelling") & (points.phase == 0)]
+    for name, strain, low, high in (("compression", compressed, 0.04, 0.40), ("swelling", swollen, -0.30, 0.07)):
+        least, most = float(strain.min()), float(strain.max())
         yield Claim(
             f"sweep: strains at rest in {name}", f"{100.0 * low:.0f} to {100.0 * high:.0f} %",
             f"{100.0 * least:.0f} to {100.0 * most:.0f} %", _agreement([_close(least, low), _close(most, high)]),

@@ -139,10 +139,8 @@ def predict(
     rests, steps = _states_of_rest(mixtures[1], conditions)
     first, phases = rests[0][0], len(conditions) - 1
     shape = (len(first), phases)
-    if linearised_at is None:
-        kinds = [np.broadcast_to(kind_of_change(*pair), (shape[0], 1)) for pair in pairwise(conditions)]
-        linearised_at = np.array(LINEARISED_AT)[np.concatenate(kinds, axis=1)]
-    share, given, times = (np.broadcast_to(a, shape) for a in (linearised_at, phase_duration, relaxation_times))
+    states = _best_states(conditions, shape[0]) if linearised_at is None else linearised_at
+    share, given, times = (np.broadcast_to(a, shape) for a in (states, phase_duration, relaxation_times))
     fractions = np.arange(1, steps_per_phase + 1) / steps_per_phase
     duration = np.empty(shape)
     strain = np.empty((2, *shape, steps_per_phase))
@@ -188,6 +186,12 @@ def coefficient_of_determination(data: Array, model: Array) -> Array:
     residual = ((data - model) ** 2).sum(axis=-1)
     total = ((data - data.mean(axis=-1, keepdims=True)) ** 2).sum(axis=-1)
     return np.where(total > 0.0, 1.0 - residual / np.where(total > 0.0, total, 1.0), np.nan)
+
+
+def _best_states(conditions: Sequence[Conditions], rows: int) -> Array:
+    """``LINEARISED_AT`` by the changes in the phases, ``(rows, phases)``."""
+    kinds = [np.broadcast_to(kind_of_change(*pair), (rows, 1)) for pair in pairwise(conditions)]
+    return np.array(LINEARISED_AT)[np.concatenate(kinds, axis=1)]
 
 
 def _states_of_rest(mixture: Mixture, conditions: Sequence[Conditions]) -> tuple[list[_Rest], list[list[_Step]]]:

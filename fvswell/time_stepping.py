@@ -38,7 +38,7 @@ __all__ = [
 _GAMMA = 1.0 - 1.0 / np.sqrt(2.0)
 # SDIRK2 leaves (b.A.c - 1/6) dt^3 m''' for a linear problem
 _SDIRK2_ERROR = (1.0 - _GAMMA) * _GAMMA**2 + _GAMMA * (2.0 * _GAMMA - _GAMMA**2) - 1.0 / 6.0
-SMALLEST_STRAIN = 1e-8  # that tolerances are relative to where nothing is expected to happen
+SMALLEST_STRAIN = 1e-5  # that tolerances are relative to where nothing is expected to happen
 FIRST_STEP = 0.1  # after a jump, of the time in which the finest cell consolidates
 _SMALLEST_STEP = 1e-13  # of the time to the next target
 

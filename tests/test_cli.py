@@ -218,6 +218,7 @@ def test_interrupt_ends_with_130_and_leaves_nothing(case_file: Path) -> None:
     process = subprocess.Popen(
         [*COMMAND, "run", "small.toml", "--set", "time.steps_per_phase=100000"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # background jobs inherit it ignored
     )  # fmt: skip
     part = Path("output/small/electrochemical.nc.part")
     deadline = time.monotonic() + 60.0

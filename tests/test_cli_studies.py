@@ -106,7 +106,8 @@ def test_sensitivity() -> None:
 
 
 def test_paper() -> None:
-    Path("sweep.toml").write_text(studies.text())
+    protocols = [studies.protocol(), studies.protocol("swelling", "free_swelling.toml")]
+    Path("sweep.toml").write_text(studies.text(protocol=protocols))
     cases = Path("cases")
     cases.mkdir()
     (cases / "compression.toml").write_text(small_compression().to_toml())

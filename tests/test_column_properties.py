@@ -91,9 +91,11 @@ def check(case: Case, model: str) -> None:
         assert result["fluid_fraction"].min() < 0.02, f"it gave up with water in every cell: {status}"
     assert np.all(np.isfinite(result["volume_ratio"]))
     assert np.all(result["fluid_fraction"] > 0.0)
+    # a piston that stands still lets nothing pass: then the mismatch is told relative to next to nothing
+    held = any(phase.piston_displacement is not None for phase in case.phase)
     for name in result:
         if name.endswith("_balance_error"):
-            assert result[name].max() < 1e-9, name
+            assert result[name].max() < (1e-8 if held else 1e-10), name
     if model != "biphasic":
         cation, anion = result["cation_concentration"], result["anion_concentration"]
         assert np.all(anion > 0.0)
@@ -124,10 +126,12 @@ def test_any_column_runs_or_says_why_not(model: str) -> None:
                 geometry__grading=grading, open_circuit_permeability=permeability,
             )  # fmt: skip
         except CaseError as error:  # a load beyond what the tissue can bear: refused before it is run
-            assert "water" in str(error) or "height" in str(error)
+            refusal = str(error)
+        else:
+            check(case, model)
+            ran.append(case)
             return
-        check(case, model)
-        ran.append(case)
+        assert "water" in refusal or "height" in refusal
 
     examine()
     assert len(ran) >= 15

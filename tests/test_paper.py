@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,11 +17,14 @@ from fvswell.paper_figures import FIGURES, paper_figures
 from fvswell.study import Study
 
 
-def small_sweep() -> Study:
+def small_sweep(**changes: Any) -> Study:
     ions = studies.parameter("ions", ["tissue.cation_diffusivity", "tissue.anion_diffusivity"], 3e-4, 1e-3)
-    design = {"name": "map", "kind": "grid", "counts": {"ions": 3, "permeability": 2}}
-    protocols = [studies.protocol(), studies.protocol("swelling", "free_swelling.toml")]
-    return studies.study(protocol=protocols, parameter=[ions, studies.PERMEABILITY], design=[design])
+    tables = {
+        "design": [{"name": "map", "kind": "grid", "counts": {"ions": 3, "permeability": 2}}],
+        "protocol": [studies.protocol(), studies.protocol("swelling", "free_swelling.toml")],
+        "parameter": [ions, studies.PERMEABILITY],
+    }
+    return studies.study(**(tables | changes))
 
 
 @pytest.fixture(scope="module")
@@ -69,16 +73,13 @@ def test_cases_are_the_reference_ones() -> None:
 def test_the_sweep_is_run_once_unless_it_is_another(tmp_path) -> None:
     path, cases = tmp_path / "study.nc", (small_compression(), small_swelling())
     design = {"name": "line", "kind": "grid"}
-    sweeps = [
-        studies.study(parameter=[studies.PERMEABILITY], design=[design | {"counts": {"permeability": count}}])
-        for count in (2, 3)
-    ]
+    sweeps = [small_sweep(design=[design | {"counts": {"permeability": count}}]) for count in (2, 3)]
     first = paper_results(*cases, sweeps[0], path, processes=1)
     written = path.stat().st_mtime_ns
     again = paper_results(*cases, sweeps[0], path, processes=1)
     assert path.stat().st_mtime_ns == written
     np.testing.assert_array_equal(again.points.r_squared, first.points.r_squared)
-    assert paper_results(*cases, sweeps[1], path, processes=1).sweep.sizes["run"] == 3
+    assert paper_results(*cases, sweeps[1], path, processes=1).sweep.sizes["run"] == 6
 
 
 def test_figures(results) -> None:
@@ -115,3 +116,6 @@ def test_other_protocols_are_refused(tmp_path) -> None:
     block = load_case(CASES / "plane_strain.toml")
     with pytest.raises(CaseError, match="must be a column with two phases"):
         paper_results(block, block, small_sweep(), tmp_path / "study.nc")
+    with pytest.raises(CaseError, match="needs phases of swelling"):
+        paper_results(small_compression(), small_swelling(), studies.study(), tmp_path / "study.nc")
+    assert not list(tmp_path.iterdir())

@@ -7,8 +7,9 @@ from types import SimpleNamespace
 import fipy
 import numpy as np
 import pytest
-from columns import compression, moved, stage_of
+from columns import compression, moved, single_phase, stage_of
 
+import fvswell
 import fvswell.grid
 from fvswell.column_batch import ColumnBatch
 from fvswell.grid import column_grid
@@ -232,3 +233,25 @@ def test_rows_iterate_as_they_would_alone(model: str) -> None:
         assert alone.iterations[0] == together.iterations[row]
         np.testing.assert_allclose(alone.unknowns[:, 0], together.unknowns[:, row], rtol=1e-12, atol=1e-13)
         assert alone.loads["pressure"][0] == pytest.approx(together.loads["pressure"][row], rel=1e-11)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_moving_piston_takes_no_smaller_steps(model: str) -> None:
+    """The piston's pressure is found from a sample at rest: a hundred seconds of a ramp in one step."""
+    ramp = {"piston_displacement": {"ramp_to": -0.03, "over": 100.0}}
+    result = fvswell.run(single_phase(compression(geometry__cells=5, time__steps_per_phase=1), 100.0, **ramp), model)
+    assert result.sizes["step"] == 1
+    assert result["step_iterations"][0] <= 6
+
+
+def test_fast_ions_take_no_smaller_steps() -> None:
+    """Rounding of large fluxes keeps the residual up; the unknowns are as good as they can be all the same."""
+    fast = {"tissue.cation_diffusivity": 5.0, "tissue.anion_diffusivity": 8.0}
+    case = compression(geometry__cells=20, time__steps_per_phase=15).with_changes(fast)
+    result = fvswell.run(case)
+    assert result.sizes["step"] == 30
+
+
+def test_next_to_no_load_is_no_trouble() -> None:
+    case = compression(geometry__cells=5, time__steps_per_phase=3, phase__loading__piston_pressure=1e-290)
+    assert np.abs(fvswell.run(case)["global_strain"]).max() < 1e-14
