@@ -150,15 +150,14 @@ def batches() -> list[str]:
 
 def main() -> None:
     """Print the page."""
-    processor = next(
-        (line.split(":")[1].strip() for line in Path("/proc/cpuinfo").open() if line.startswith("model name")),
-        platform.processor(),
-    )
+    described = Path("/proc/cpuinfo").read_text().splitlines()
+    models = [line.split(":")[1].strip() for line in described if line.startswith("model name")]
+    processor = models[0] if models else platform.processor()
     print(
         "# Speed",
         "",
         f"Written by `python benchmarks/column.py`, {datetime.date.today()}, {processor}, one thread, Python "
-        f"{platform.python_version()}, numpy {np.__version__}. Times are the shortest of {REPEATS} runs; quote the ratios.",
+        f"{platform.python_version()}, numpy {np.__version__}. Times are the shortest of {REPEATS} runs; quote ratios.",
         "",
         f"## One column: the reference compression, full model, 50 cells, two phases of {DURATION:g} s",
         "",

@@ -91,8 +91,8 @@ def febio() -> plt.Figure:
               f" from 22 s on {own[late].max():.3f} %")  # fmt: skip
     axes[0, 0].set_ylabel("global strain, %")
     axes[1, 0].set_ylabel("difference, % of the\nlargest strain")
-    axes[0, 0].legend(loc="lower right")
-    figure.legend(*axes[1, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    entries = [each for axis in axes[:, 0] for each in zip(*axis.get_legend_handles_labels(), strict=True)]
+    figure.legend(*zip(*entries, strict=True), loc="outside lower center", ncols=3)
     return figure
 
 
