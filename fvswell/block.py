@@ -30,6 +30,7 @@ from fvswell.block_mechanics import BlockSolid, block_solid
 from fvswell.block_stabilisation import alternating_storage
 from fvswell.block_transport import BlockBalance, BlockInterval, BlockTransportTerm, at_points
 from fvswell.differentiation import local_derivative
+from fvswell.direct_solver import DirectSolver
 from fvswell.models import Mixture
 from fvswell.solid import aggregate_modulus, shear_modulus
 from fvswell.tissue import Array, Tissue
@@ -141,7 +142,7 @@ class Block:
         )
         for edge, index in self.freedoms.of_tied_edge.items():
             if not np.isnan(loads.displacement[EDGES.index(edge)]):
-                entries = np.flatnonzero(self.pattern.indices == index)
+                entries = np.flatnonzero(self.pattern.rows == index)
                 on_diagonal = self.pattern.columns[entries] == index
                 data[entries] = np.where(on_diagonal, self.momentum_scale[index] / self.length_scale, 0.0)
         return data
@@ -174,6 +175,22 @@ class Block:
         scale[: self.freedoms.number] = self.length_scale
         scale[self.freedoms.number : self.freedoms.number + self.grid.cells] = self._modulus.mean()
         return scale
+
+    @cached_property
+    def places(self) -> Array:
+        """Where on the grid the unknowns are, ``(2, unknowns)``; nan for tied edges, which are in no single place."""
+        number, of_vertex = self.freedoms.number, self.freedoms.of_vertex
+        places = np.empty((2, self.pattern.size))
+        for unknowns in of_vertex:
+            places[:, unknowns[unknowns >= 0]] = self.grid.lattice("vertices")[:, unknowns >= 0]
+        places[:, list(self.freedoms.of_tied_edge.values())] = np.nan
+        places[:, number:] = np.tile(self.grid.lattice("cells"), len(self.balances))
+        return places
+
+    @cached_property
+    def solver(self) -> DirectSolver:
+        """Of systems with the Jacobian as their matrix."""
+        return DirectSolver(self.pattern.rows, self.pattern.columns, self.places)
 
     def residual_scale(self, bath_concentration: float) -> Array:
         """Size of what the equations balance, to judge residuals by."""

@@ -33,7 +33,7 @@ class LocalDerivatives(NamedTuple):
 
 
 class JacobianPattern:
-    """Fixed pattern in compressed columns, and the map from local derivatives to its entries."""
+    """Rows and columns of the entries, which are fixed, and the map from local derivatives to their values."""
 
     def __init__(
         self, grid: BlockGrid, diamonds: Diamonds, freedoms: Freedoms, edge_faces: Array,
@@ -63,10 +63,6 @@ class JacobianPattern:
             parts += [-g * local.osmotic_slope, volumes * by.contents[:, 1], dt * by.log_concentration]
         parts += [dt * by.across, dt * by.along, dt * by.points]
         return self._scatter @ np.concatenate([part.ravel() for part in parts])
-
-    def matrix(self, data: Array) -> sparse.csc_array:
-        """The Jacobian as a matrix."""
-        return sparse.csc_array((data, self.indices, self.indptr), shape=(self.size, self.size))
 
     def _mechanics(self, corners: Array, ends: Array) -> None:
         self._add(corners[:, None], corners[None])
@@ -143,9 +139,8 @@ class JacobianPattern:
             np.concatenate(part) for part in (self._rows, self._columns, self._sources, self._weights)
         )
         key, place = np.unique(columns.astype(np.int64) * self.size + rows, return_inverse=True)
-        self.indices = (key % self.size).astype(np.int32)
+        self.rows = (key % self.size).astype(np.int32)
         self.columns = (key // self.size).astype(np.int32)
-        self.indptr = np.searchsorted(self.columns, np.arange(self.size + 1)).astype(np.int32)
         self._scatter: Any = sparse.csr_array((weights, (place, sources)), shape=(len(key), self._offset))
         for part in (self._rows, self._columns, self._sources, self._weights):
             part.clear()

@@ -7,15 +7,17 @@ a share that grows to 1.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from fvswell.block import Block, BlockState
 from fvswell.block_edges import drive_names
-from fvswell.block_newton import NewtonResult, newton, solve_sparse
+from fvswell.block_newton import NewtonResult, newton
 from fvswell.block_system import BlockSystem, edge_loads, loads_found
 from fvswell.block_transport import BlockInterval, BlockTransportTerm
+from fvswell.direct_solver import DirectSolver
 from fvswell.models import Mixture
 from fvswell.permeability import hydraulic_permeability, open_circuit_permeability
 from fvswell.time_stepping import State
@@ -116,14 +118,21 @@ def _balance_forces(block: Block, unknowns: Array, bath_concentration: float) ->
     unloaded = edge_loads({})
     interval = BlockInterval(np.zeros((len(bath), 1, block.grid.cells)), 0.0, bath_concentration)
 
+    entries = np.flatnonzero((pattern.rows < number) & (pattern.columns < number))
+    solver = DirectSolver(pattern.rows[entries], pattern.columns[entries], block.places[:, :number])
+
     def evaluate(at: Array) -> tuple[BlockState, Array]:
         state = block.evaluate(at, interval, unloaded)
         return state, state.residual[:number] / scale
 
-    def step(state: BlockState) -> Array:
-        matrix = pattern.matrix(block.jacobian(state, interval, unloaded))[:number, :number].tocsc()
-        change = np.zeros_like(start)
-        change[:number] = -solve_sparse(matrix, state.residual[:number])
-        return change
+    def factorise(state: BlockState) -> Callable[[Array], Array]:
+        solve = solver.factorise(block.jacobian(state, interval, unloaded)[entries])
 
-    return newton(start, evaluate, step, lambda change: float(np.abs(change).max()) / block.length_scale)
+        def step(residual: Array) -> Array:
+            change = np.zeros_like(start)
+            change[:number] = -solve(residual * scale)
+            return change
+
+        return step
+
+    return newton(start, evaluate, factorise, lambda change: float(np.abs(change).max()) / block.length_scale)

@@ -62,6 +62,12 @@ class BlockGrid:
         """Reference volumes of the cells, mm3 (per mm of thickness in plane strain: mm2), ``(cells,)``."""
         return polygon_volume(self.section, *self.vertices[:, self.cell_vertices])
 
+    def lattice(self, of: str) -> Array:
+        """Places of the "cells" or "vertices" in the rows and columns, counted in half cells, ``(2, ...)``."""
+        first, more = {"vertices": (0, 1), "cells": (1, 0)}[of]
+        columns, rows = (first + 2 * np.arange(count + more) for count in self.shape)
+        return np.stack([np.tile(columns, len(rows)), np.repeat(rows, len(columns))]).astype(float)
+
     def edge_vertices(self, edge: str) -> Array:
         """Vertices on an edge."""
         return np.unique(self.face_vertices[:, self.edges[edge]])

@@ -1,23 +1,21 @@
-"""Newton's method for a block: damped, with a sparse direct solver."""
+"""Newton's method for a block: damped, and close to the solution with the factors of the last Jacobian."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from scipy.sparse.linalg import MatrixRankWarning, splu
 
 from fvswell.block import BlockState
 from fvswell.tissue import Array
 
-__all__ = ["NewtonResult", "newton", "solve_sparse"]
+__all__ = ["NewtonResult", "newton"]
 
 _MAX_ITERATIONS = 25
 _MAX_HALVINGS = 12
-_UPDATE = 1e-9  # change of an unknown, relative to its size, below which the next one would be rounding
+_KEEP = 0.1  # the factors serve on while each step is shorter than this part of the last
+_REMAINING = 1e-13  # change of an unknown still to come, relative to its size: rounding
 _RESIDUAL = 1e-13  # relative: converged without asking how large the update was
 _UNBALANCED = 1e-9  # relative: never accepted above
 
@@ -37,7 +35,7 @@ class NewtonResult:
 def newton(
     unknowns: Array,
     evaluate: Callable[[Array], tuple[BlockState, Array]],
-    step: Callable[[BlockState], Array],
+    factorise: Callable[[BlockState], Callable[[Array], Array]],
     change: Callable[[Array], float],
 ) -> NewtonResult:
     """Solve residual = 0 by Newton's method, with shorter steps where a full one is not admissible or makes it worse.
@@ -48,8 +46,8 @@ def newton(
         To start from; admissible.
     evaluate
         State and relative residual at some unknowns.
-    step
-        Newton's step from a state.
+    factorise
+        Gives, at a state, what turns a relative residual into a step.
     change
         Largest relative change that a step makes to the unknowns.
     """
@@ -61,9 +59,9 @@ def newton(
         return state, residual, norm if np.isfinite(norm) else np.inf
 
     state, residual, norm = look(unknowns)
-    norms = [norm]
+    norms, solve, last = [norm], factorise(state), 1.0
     for iteration in range(1, _MAX_ITERATIONS + 1):
-        full = step(state)
+        full = solve(residual)
         if not np.isfinite(full).all():
             break
         before, start, fraction = norm, unknowns, 1.0
@@ -74,19 +72,13 @@ def newton(
                 break
             fraction *= 0.5
         norms.append(norm)
-        if norm < _RESIDUAL or (norm < _UNBALANCED and fraction == 1.0 and change(full) < _UPDATE):
+        size = change(full)
+        shrinking = size / last if fraction == 1.0 else np.inf
+        if norm < _RESIDUAL or (norm < _UNBALANCED and size * min(shrinking, 1.0) < _REMAINING):
             return NewtonResult(unknowns, state, residual, True, iteration, tuple(norms))
         if not np.isfinite(norm):
             break
+        if not shrinking < _KEEP:
+            solve = factorise(state)
+        last = size
     return NewtonResult(unknowns, state, residual, False, len(norms), tuple(norms))
-
-
-def solve_sparse(matrix: Any, right_side: Array) -> Array:
-    """Solution of a sparse system in compressed columns whose pattern is symmetric; nan if the matrix is singular."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", MatrixRankWarning)
-        try:
-            factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01, options={"SymmetricMode": True})
-        except (RuntimeError, MatrixRankWarning):  # exactly singular
-            return np.full_like(right_side, np.nan)
-    return factors.solve(right_side)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from fvswell.block import Block, BlockState, EdgeLoads
 from fvswell.block_edges import EDGES, drive_names
-from fvswell.block_newton import NewtonResult, newton, solve_sparse
+from fvswell.block_newton import NewtonResult, newton
 from fvswell.block_transport import BlockInterval
 from fvswell.system import LoadValues, Solution, Stage
 from fvswell.tissue import Array
@@ -93,17 +94,17 @@ class BlockSystem:
         block = self.block
         scale = block.residual_scale(interval.bath_concentration)
         pattern, unknown_scale = block.pattern, block.unknown_scale
-        entry_scale = unknown_scale[pattern.columns] / scale[pattern.indices]
+        entry_scale = unknown_scale[pattern.columns] / scale[pattern.rows]
 
         def evaluate(at: Array) -> tuple[BlockState, Array]:
             state = block.evaluate(at, interval, driven)
             return state, state.residual / scale
 
-        def step(state: BlockState) -> Array:
-            matrix = pattern.matrix(block.jacobian(state, interval, driven) * entry_scale)
-            return -unknown_scale * solve_sparse(matrix, state.residual / scale)
+        def factorise(state: BlockState) -> Callable[[Array], Array]:
+            solve = block.solver.factorise(block.jacobian(state, interval, driven) * entry_scale)
+            return lambda residual: -unknown_scale * solve(residual)
 
-        return newton(unknowns, evaluate, step, lambda change: float(np.abs(change / unknown_scale).max()))
+        return newton(unknowns, evaluate, factorise, lambda change: float(np.abs(change / unknown_scale).max()))
 
     def _residual_at_points(self, residual: Array) -> Array:
         block = self.block

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 from tissues import reference_tissue
 
 from fvswell.block import make_block
@@ -81,3 +82,9 @@ def random_unknowns(system: BlockSystem, seed: int = 5) -> Array:
     if len(potentials) > 1:
         potentials[1] += np.log(BATH)
     return unknowns
+
+
+def jacobian_matrix(system: BlockSystem, values: Array) -> sparse.csc_array:
+    """The Jacobian of a block from its values."""
+    pattern = system.block.pattern
+    return sparse.csc_array((values, (pattern.rows, pattern.columns)), shape=(pattern.size, pattern.size))

@@ -6,7 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from blocks import BATH, GLUED, UNCONFINED, block_system, distorted_vertices, protocol, random_unknowns, rough_grid
+from blocks import (
+    BATH,
+    GLUED,
+    UNCONFINED,
+    block_system,
+    distorted_vertices,
+    jacobian_matrix,
+    protocol,
+    random_unknowns,
+    rough_grid,
+)
 from scipy import sparse
 from tissues import reference_tissue
 
@@ -47,7 +57,7 @@ def test_jacobian_is_the_derivative_of_the_residual(kind: str, model: Model, dri
     interval = BlockInterval(np.zeros((len(model.balances), 1, block.grid.cells)), 3.0, 1.2e-4)
     state = block.evaluate(unknowns, interval, loads)
     assert state.admissible
-    exact = block.pattern.matrix(block.jacobian(state, interval, loads)).toarray()
+    exact = jacobian_matrix(system, block.jacobian(state, interval, loads)).toarray()
     step = 3e-5 * block.unknown_scale
     scale = block.unknown_scale / block.residual_scale(1.2e-4)[:, None]
 
@@ -63,7 +73,8 @@ def test_jacobian_is_the_derivative_of_the_residual(kind: str, model: Model, dri
 
 
 @by_model
-def test_newton_converges_quadratically(model: Model) -> None:
+def test_newton_converges_quadratically(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fvswell.block_newton._KEEP", 0.0)  # a Jacobian for every step
     system = block_system(rough_grid("plane-strain"), GLUED, model)
     start = equilibrated_state(system, BATH)
     loads = edge_loads({"top.pressure": np.array([0.3])})
@@ -74,6 +85,22 @@ def test_newton_converges_quadratically(model: Model) -> None:
     assert len(falling) >= 2
     # each norm is about the square of the last; on the way there are 1e-2 -> 1e-4 -> 1e-8
     assert (falling[1:] < 10.0 * falling[:-1] ** 2 + 1e-14).all(), result.norms
+
+
+@by_model
+def test_kept_factors_lead_to_the_same_solution(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
+    system = block_system(rough_grid("plane-strain"), GLUED, model)
+    start = equilibrated_state(system, BATH)
+    loads = edge_loads({"top.pressure": np.array([0.3])})
+    results = []
+    for keep in (0.1, 0.0):
+        monkeypatch.setattr("fvswell.block_newton._KEEP", keep)
+        results.append(system.iterate(start.unknowns[0, 0], BlockInterval(start.contents, 20.0, 0.7e-4), loads))
+    kept, fresh = results
+    assert kept.converged
+    assert fresh.converged
+    assert kept.iterations > fresh.iterations
+    assert np.abs((kept.unknowns - fresh.unknowns) / system.block.unknown_scale).max() < 1e-10
 
 
 @by_model
