@@ -2,7 +2,7 @@
 
     python benchmarks/block.py [MOST_CELLS]    prints a Markdown page; docs/speed-blocks.md keeps one
 
-Solvers are compared on one Jacobian each; pypardiso takes part where it is installed.
+Solvers are compared on one Jacobian; kvxopt, pypardiso and python-mumps take part where they are installed.
 """
 
 from __future__ import annotations
@@ -23,23 +23,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 from scipy.sparse.linalg import splu
 
 import fvswell
 from fvswell.block_run import BlockRun
 from fvswell.block_system import edge_loads
 from fvswell.block_transport import BlockInterval
+from fvswell.direct_solver import DirectSolver
 
 CASE = Path(__file__).parent.parent / "cases" / "plane_strain.toml"
 SIDES = (20, 40, 80, 160)
 DURATION = 100.0  # s, of the step whose iteration is timed
-ORDERINGS: dict[str, dict[str, Any]] = {
-    "MMD_AT_PLUS_A, symmetric mode": {
-        "permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.01, "options": {"SymmetricMode": True},
-    },
-    "MMD_AT_PLUS_A": {"permc_spec": "MMD_AT_PLUS_A"},
-    "COLAMD": {"permc_spec": "COLAMD"},
-}  # fmt: skip
+SYMMETRIC: dict[str, Any] = {"diag_pivot_thresh": 0.01, "options": {"SymmetricMode": True}}
+ORDERINGS: dict[str, tuple[int, dict[str, Any]]] = {  # of SuperLU, and the most cells that they take seconds for
+    "SuperLU, minimum degree of A + A^T, symmetric mode": (25600, {"permc_spec": "MMD_AT_PLUS_A", **SYMMETRIC}),
+    "SuperLU, minimum degree of A + A^T": (1600, {"permc_spec": "MMD_AT_PLUS_A"}),
+    "SuperLU, COLAMD": (1600, {"permc_spec": "COLAMD"}),
+}
 
 
 def fastest(function: Callable[[], object], repeats: int) -> float:
@@ -58,34 +59,83 @@ def timings(side: int) -> dict[str, float]:
     block, state = body.block, body.start()
     bath = 5e-5
     interval, loads = BlockInterval(state.contents, DURATION, bath), edge_loads({"bath": np.array([bath])})
-    unknowns = state.unknowns[0, 0]
+    unknowns, pattern = state.unknowns[0, 0], block.pattern
     scale = block.residual_scale(bath)
-    entry_scale = block.unknown_scale[block.pattern.columns] / scale[block.pattern.indices]
+    entry_scale = block.unknown_scale[pattern.columns] / scale[pattern.rows]
     evaluated = block.evaluate(unknowns, interval, loads)
-    matrix = block.pattern.matrix(block.jacobian(evaluated, interval, loads) * entry_scale)
+    values = block.jacobian(evaluated, interval, loads) * entry_scale
     right = evaluated.residual / scale
     repeats = 5 if side <= 40 else 2
-    found = {"unknowns": float(len(unknowns)), "nonzeros": float(matrix.nnz)}
+    found = {"unknowns": float(pattern.size), "nonzeros": float(len(values))}
     found["residual"] = fastest(lambda: block.evaluate(unknowns, interval, loads), repeats)
     found["Jacobian"] = fastest(lambda: block.jacobian(evaluated, interval, loads), repeats)
-    for name, options in ORDERINGS.items():
-        if side > 40 and name != next(iter(ORDERINGS)):
-            continue  # minutes
-        found[name] = fastest(lambda options=options: splu(matrix, **options).solve(right), 1 if side > 40 else 3)
-        if name == next(iter(ORDERINGS)):
-            found["memory"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    try:
-        import pypardiso
-    except ImportError:
-        return found
-
-    def solve_with_pardiso() -> None:
-        solver = pypardiso.PyPardisoSolver()
-        pypardiso.spsolve(matrix.tocsr(), right, solver=solver)
-        solver.free_memory(everything=True)
-
-    found["pypardiso"] = fastest(solve_with_pardiso, 3)
+    found["ordering, once"] = fastest(lambda: DirectSolver(pattern.rows, pattern.columns, block.places), 1)
+    solver = DirectSolver(pattern.rows, pattern.columns, block.places)
+    found["factors (SuperLU, nested dissection)"] = fastest(lambda: solver.factorise(values), repeats)
+    factors = solver.factorise(values)
+    found["solution with them"] = fastest(lambda: factors(right), repeats)
+    found["peak memory, MB"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    matrix = sparse.csc_array((values, (pattern.rows, pattern.columns)), shape=(pattern.size, pattern.size))
+    for name, (most, options) in ORDERINGS.items():
+        if side**2 <= most:
+            found[name] = fastest(lambda options=options: splu(matrix, **options).solve(right), 3 if side <= 40 else 1)
+    for peer in (umfpack, pardiso, mumps):
+        try:
+            name, solve = peer(matrix, right)
+        except ImportError:
+            continue
+        assert np.abs(matrix @ solve() - right).max() < 1e-9 * np.abs(right).max()
+        found[name] = fastest(solve, repeats)
     return found
+
+
+Peer = tuple[str, Callable[[], np.ndarray]]  # name, and what factorises and solves, the ordering known
+
+
+def umfpack(matrix: sparse.csc_array, right: np.ndarray) -> Peer:
+    import kvxopt
+    from kvxopt import umfpack as library
+
+    entries = matrix.tocoo()
+    rows, columns = (kvxopt.matrix(index.astype(np.int64)) for index in entries.coords)
+    own = kvxopt.spmatrix(kvxopt.matrix(entries.data), rows, columns, matrix.shape)
+    analysis = library.symbolic(own)
+
+    def solve() -> np.ndarray:
+        solution = kvxopt.matrix(right.copy())
+        library.solve(own, library.numeric(own, analysis), solution)
+        return np.array(solution).ravel()
+
+    return "UMFPACK (kvxopt)", solve
+
+
+def pardiso(matrix: sparse.csc_array, right: np.ndarray) -> Peer:
+    import pypardiso
+
+    own, solver = matrix.tocsr(), pypardiso.PyPardisoSolver()
+    solver.factorize(own)
+
+    def solve() -> np.ndarray:
+        solver.set_phase(22)  # numbers only, the ordering is kept
+        solver._call_pardiso(own, right[:, None])
+        return solver.solve(own, right)
+
+    return "MKL PARDISO (pypardiso)", solve
+
+
+def mumps(matrix: sparse.csc_array, right: np.ndarray) -> Peer:
+    import mumps as library
+
+    own, context = matrix.tocoo(), library.Context()
+    context.set_matrix(own)
+    context.analyze(ordering="amd")
+
+    def solve() -> np.ndarray:
+        context.set_matrix(own)
+        context.factor(reuse_analysis=True)
+        return context.solve(right.copy())
+
+    return "MUMPS (python-mumps)", solve
 
 
 def own_process(side: int) -> dict[str, float]:
@@ -116,7 +166,9 @@ def page(most: int) -> None:
     cells = [side**2 for side in SIDES if side**2 <= most]
     found = {count: own_process(int(count**0.5)) for count in cells}
     names = list(found[cells[0]])
-    print("Seconds of one Newton iteration: residual, Jacobian, and factors with solution by ordering; memory in MB.\n")
+    print(
+        "Seconds of the parts of one Newton iteration, and of factors with solution by other orderings and solvers.\n"
+    )
     print("| | " + " | ".join(f"{count} cells" for count in cells) + " | growth exponent |")
     print("|---|" + "---|" * (len(cells) + 1))
     for name in names:

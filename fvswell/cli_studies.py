@@ -130,6 +130,9 @@ def paper(
     sweep: Annotated[Path, typer.Option(metavar="STUDY", help="The study of tissue properties.")] = Path(
         "cases/studies/paper.toml"
     ),
+    block: Annotated[Path, typer.Option(metavar="CASE", help="The two-dimensional case.")] = Path(
+        "cases/plane_strain.toml"
+    ),
     processes: Processes = None,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Directory to write to.")] = Path(
         "output/paper"
@@ -137,7 +140,7 @@ def paper(
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
-    """Draw figures 3 to 8 of Wilson et al. (2005) anew.
+    """Draw figures 3 to 9 of Wilson et al. (2005) anew.
 
     Tells what the paper reports beside what comes out, and writes the figures (.png and .pdf), paper.csv and study.nc,
     the result of the sweep, to output/paper. A sweep that is there already is not run again.
@@ -153,10 +156,11 @@ def paper(
     table = output / "paper.csv"
     refuse_existing([*paths, table], force)
     console = Console(quiet)
-    compression, swelling = (load_case(directory / f"{name}.toml") for name in ("compression", "swelling"))
+    files = (directory / "compression.toml", directory / "swelling.toml", block)
+    compression, swelling, glued = (load_case(file) for file in files)
     whole = load_study(sweep)
     with _told_interruption(), _study_progress(console) as report:
-        results = paper_results(compression, swelling, whole, output / "study.nc", processes, report)
+        results = paper_results(compression, swelling, glued, whole, output / "study.nc", processes, report)
     for name, figure in paper_figures(results).items():
         for suffix in ("png", "pdf"):
             save_figure(figure, output / f"{name}.{suffix}")

@@ -28,9 +28,10 @@ from fvswell.errors import SolverError
 from fvswell.predictor import coefficient_of_determination
 from fvswell.simulation import Progress, run
 
-__all__ = ["FITTED_MODEL", "Fit", "FitProblem", "Trial", "fit", "fit_problem", "run_fit"]
+__all__ = ["FITTED_MODEL", "PAPER_REDUCTION", "Fit", "FitProblem", "Trial", "fit", "fit_problem", "run_fit"]
 
 FITTED_MODEL = "biphasic-swelling"
+PAPER_REDUCTION = 0.1196  # of the tissue's permeability, by the fit of Wilson et al. (2005) to their block
 _REFERENCE_MODELS = ("electrochemical",)
 _FACTOR = 4.0  # of the case's value, down and up: where to look unless told
 _RESOLUTION = 1e-3  # of the value
@@ -77,6 +78,7 @@ class Fit:
     trials: tuple[Trial, ...]  # in order; the first has the case's value
     seconds: float
     reference_result: xr.Dataset
+    unfitted_result: xr.Dataset  # with the case's value
     fitted_result: xr.Dataset
 
     @property
@@ -212,7 +214,7 @@ def run_fit(
     compared = dict(zip(spans, quantities, strict=True))
     trials: list[Trial] = []
 
-    def attempt(value: float) -> float:
+    def attempt(value: float) -> xr.Dataset:
         case = problem.fitted_case(value)
         try:
             result = run(case, durations=np.diff(ends).tolist())
@@ -225,14 +227,15 @@ def run_fit(
         trials.append(Trial(len(trials) + 1, value, sum(1.0 - each for each in r_squared), tuple(r_squared)))
         if tell is not None:
             tell(trials[-1])
+        return result
+
+    def squares(logarithm: float) -> float:
+        attempt(math.exp(logarithm))
         return trials[-1].squares
 
-    attempt(problem.present)
+    unfitted = attempt(problem.present)
     low, high = (math.log(limit) for limit in problem.limits)
-    minimize_scalar(
-        lambda logarithm: attempt(math.exp(logarithm)), bounds=(low, high), method="bounded",
-        options={"xatol": _RESOLUTION},
-    )  # fmt: skip
+    minimize_scalar(squares, bounds=(low, high), method="bounded", options={"xatol": _RESOLUTION})
     best = min(trials, key=lambda trial: trial.squares)
     fitted = run(problem.fitted_case(best.value), path=fitted_path, replace=replace, durations=np.diff(ends).tolist())
     return Fit(
@@ -241,6 +244,7 @@ def run_fit(
         trials=tuple(trials),
         seconds=time.perf_counter() - began,
         reference_result=reference,
+        unfitted_result=unfitted,
         fitted_result=fitted,
     )
 

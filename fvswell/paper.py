@@ -1,4 +1,4 @@
-"""What Wilson, van Donkelaar & Huyghe (2005) report of columns, beside what comes out here.
+"""What Wilson, van Donkelaar & Huyghe (2005) report, beside what comes out here.
 
 Our copy of the paper lost figures and some numbers; what is known of its results is listed here, and nothing was tuned
 to meet it.
@@ -22,6 +22,7 @@ from fvswell.case_prediction import conditions_of
 from fvswell.comparison import ColumnDifference, Comparison, compare
 from fvswell.console import percent
 from fvswell.errors import OutputError
+from fvswell.fit import PAPER_REDUCTION, Fit, fit_problem, run_fit
 from fvswell.predictor import kind_of_change
 from fvswell.rules import CurveFit, paper_fits
 from fvswell.study import Study
@@ -38,13 +39,14 @@ _REDUCED, _FULL = PAPER_MODELS
 
 @dataclass(frozen=True)
 class PaperResults:
-    """Everything that the paper's figures of columns show."""
+    """Everything that the paper's figures show."""
 
     compression: Comparison
     swelling: Comparison
     sweep: xr.Dataset
     points: StudyPoints  # of the sweep
     fits: dict[str, CurveFit]
+    block: Fit  # of the permeability, to the displacement of the probe in the last phase
 
 
 @dataclass(frozen=True)
@@ -60,17 +62,20 @@ class Claim:
 def paper_results(
     compression: Case,
     swelling: Case,
+    block: Case,
     sweep: Study,
     path: Path,
     processes: int | None = None,
     report: Callable[[StudyProgress], None] | None = None,
 ) -> PaperResults:
-    """Run what the paper's figures of columns need.
+    """Run what the paper's figures need.
 
     Parameters
     ----------
     compression, swelling
-        The two protocols, each with a phase of loading and one of unloading.
+        The two protocols of a column, each with a phase of loading and one of unloading.
+    block
+        The two-dimensional case, with a phase of swelling and one of compression.
     sweep
         The study over tissue properties.
     path
@@ -83,25 +88,26 @@ def paper_results(
     Raises
     ------
     CaseError
-        If a protocol is not of a column with two phases, or the sweep lacks compression or swelling.
+        If a case is not of a column or block with two phases, or the sweep lacks compression or swelling.
     OutputError
         If files cannot be written.
     SolverError
-        If a run of the two protocols had to stop.
+        If a run of the cases had to stop.
     """
-    _check(compression, swelling, sweep)
+    _check(compression, swelling, block, sweep)
     pressed, swollen = compare(compression), compare(swelling)
+    fitted = run_fit(fit_problem(block, "hydraulic_permeability", _FULL, [block.phase[-1].name]))
     dataset = _finished_sweep(sweep, path)
     if dataset is None:
         run_study(sweep, path, processes=processes, replace=True, report=report)
         dataset = read_study(path)
     points = study_points(dataset)
-    return PaperResults(pressed, swollen, dataset, points, paper_fits(points))
+    return PaperResults(pressed, swollen, dataset, points, paper_fits(points), fitted)
 
 
 def claims(results: PaperResults) -> list[Claim]:
     """The paper's findings in the order of its figures, with ours."""
-    return [*_of_rest(results), *_of_differences(results), *_of_sweep(results)]
+    return [*_of_rest(results), *_of_differences(results), *_of_sweep(results), *_of_block(results.block)]
 
 
 def write_claims(path: Path, table: list[Claim]) -> None:
@@ -121,11 +127,11 @@ def write_claims(path: Path, table: list[Claim]) -> None:
         raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
 
 
-def _check(compression: Case, swelling: Case, sweep: Study) -> None:
+def _check(compression: Case, swelling: Case, block: Case, sweep: Study) -> None:
     """Refuse what the figures cannot be drawn from."""
-    for case in (compression, swelling):
-        if case.geometry.kind != "column" or len(case.phase) != 2:
-            told = "must be a column with two phases, as in the paper"
+    for case, kind in ((compression, "column"), (swelling, "column"), (block, "plane-strain")):
+        if case.geometry.kind != kind or len(case.phase) != 2:
+            told = f"must be of geometry {kind} with two phases, as in the paper"
             raise CaseError([Problem("phase", shown([phase.name for phase in case.phase]), told)], case.source)
     kinds = {kind_of_change(*pair).item() for case in sweep.cases for pair in pairwise(conditions_of([case]))}
     missing = [curve for index, curve in enumerate(CURVES) if index not in kinds]
@@ -226,6 +232,25 @@ def _of_sweep(results: PaperResults) -> Iterator[Claim]:
             f"R^2 = 1 - a exp(-b f), {curve}", "a, b illegible",
             f"a = {fit.a:.3g}, b = {fit.b:.3g}, explains {100.0 * fit.explained:.0f} % of the variance", "-",
         )  # fmt: skip
+
+
+def _of_block(fitted: Fit) -> Iterator[Claim]:
+    (quantity,) = fitted.quantities
+    swelling = fitted.reference_result.sel(time=slice(fitted.reference_result["phase_end"].values[0]))
+    probe, volume_ratio = swelling[quantity].values, swelling["volume_ratio"].values
+    back = float((probe[0] - probe.min()) / np.ptp(probe))
+    lost = float(1.0 - (volume_ratio / volume_ratio[0]).min())
+    yield Claim(
+        "2D: shrinks before it swells", "in the full model",
+        f"the corner goes back by {100.0 * back:.2g} % of its way, cells lose {100.0 * lost:.2g} % of volume at most",
+        _agreement([back > 1e-4, lost > 1e-4]),
+    )  # fmt: skip
+    yield Claim(
+        "2D: best permeability, over the tissue's", f"{1.0 - PAPER_REDUCTION:.4f}",
+        f"{fitted.ratio:.3f} in {fitted.problem.phases[0]}", _agreement([_close(fitted.ratio, 1.0 - PAPER_REDUCTION)]),
+    )  # fmt: skip
+    (before,), (after,) = fitted.before.r_squared, fitted.best.r_squared
+    yield Claim("2D: R^2 with it", "better", f"{after:.5f}, else {before:.5f}", _yes(after > before))
 
 
 def _differences(comparison: Comparison, model: str) -> list[ColumnDifference]:

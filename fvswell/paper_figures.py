@@ -1,4 +1,4 @@
-"""The paper's figures of columns, drawn anew: histories (3, 4), local strains (5, 6) and the sweep (7, 8).
+"""The paper's figures, drawn anew: histories (3, 4), local strains (5, 6), the sweep (7, 8) and the block (9).
 
 Our copy of the paper has no figures. What they show is inferred from its text: docs/studies.md tells how.
 """
@@ -6,14 +6,16 @@ Our copy of the paper has no figures. What they show is inferred from its text: 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from fvswell.comparison import ColumnDifference, Comparison, local_strain, profile_at
+from fvswell.comparison import ColumnDifference, Comparison, history_at, local_strain, profile_at
+from fvswell.fit import Fit
 from fvswell.paper import PaperResults
-from fvswell.plots import PAGE_WIDTH, draw_histories, in_print_style, line_styles, time_unit
+from fvswell.plots import PAGE_WIDTH, axis_label, draw_histories, in_print_style, line_styles, time_unit
 from fvswell.rules import CurveFit
 from fvswell.rules_report import draw_fit
 from fvswell.study_points import CURVES, PAPER_MODELS, StudyPoints
@@ -23,9 +25,11 @@ if TYPE_CHECKING:
 
 __all__ = ["FIGURES", "paper_figures"]
 
-FIGURES = ("figure3", "figure4", "figure5", "figure6", "figure7", "figure8")
+FIGURES = ("figure3", "figure4", "figure5", "figure6", "figure7", "figure8", "figure9")
 
 _REDUCED, _FULL = PAPER_MODELS
+_DRAWN = 300  # points of a history, denser where it begins
+_BLURRED = 1e-3  # of a phase: before, the models' own times differ by too much for their difference
 _COLUMN_WIDTH = 85.0 / 25.4  # inches, of a journal page
 
 
@@ -38,6 +42,7 @@ def paper_figures(results: PaperResults) -> dict[str, Figure]:
         _local_strains(results.swelling),
         _sweep(results.points, CURVES[:2], results.fits),
         _sweep(results.points, CURVES[2:], results.fits),
+        _block(results.block),
     )
     return dict(zip(FIGURES, drawn, strict=True))
 
@@ -103,6 +108,42 @@ def _sweep(points: StudyPoints, curves: Sequence[str], fits: dict[str, CurveFit]
     axes[0].set_ylabel("$R^2$")
     if len(curves) > 1:
         _letter(axes)
+    return figure
+
+
+@in_print_style
+def _block(fitted: Fit) -> Figure:
+    """Displacement of the probe by phase: the full model, and biphasic-swelling before and after the fit."""
+    figure = Figure(figsize=(PAGE_WIDTH, 3.8), layout="constrained")
+    results = {
+        _FULL: fitted.reference_result,
+        f"{_REDUCED}, k of the tissue": fitted.unfitted_result,
+        f"{_REDUCED}, {fitted.ratio:.3f} k": fitted.fitted_result,
+    }
+    (quantity,), (scale, unit), lines = fitted.quantities, time_unit(results), line_styles(results)
+    starts = [0.0, *fitted.reference_result["phase_end"].values]
+    phases = fitted.problem.case.phase
+    axes = figure.subplots(2, len(phases), sharex="col", squeeze=False)
+    for (above, below), phase, (start, end) in zip(axes.T, phases, pairwise(starts), strict=True):
+        at = start + (end - start) * np.linspace(0.0, 1.0, _DRAWN) ** 2
+        histories = {
+            label: history_at(result["time"].values, result[quantity].values, start, at)
+            for label, result in results.items()
+        }
+        for label, values in histories.items():
+            line = lines[label]
+            above.plot((at - start) * scale, values, color=line.color, linestyle=line.style, label=label)
+            if label != _FULL:
+                gap = np.where(at > start + _BLURRED * (end - start), values - histories[_FULL], np.nan)
+                below.plot((at - start) * scale, gap, color=line.color, linestyle=line.style)
+        below.axhline(0.0, color="0.6", linewidth=0.6, zorder=0)
+        above.set_title(phase.name)
+        below.set(xlabel=f"time in the phase ({unit})")
+        below.margins(x=0.02)
+    axes[0, 0].set_ylabel(axis_label(quantity))
+    axes[1, 0].set_ylabel(f"the same,\nless {_FULL} (mm)")
+    axes[0, 0].legend()
+    _letter(axes.ravel())
     return figure
 
 

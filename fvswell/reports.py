@@ -215,6 +215,8 @@ def _comparison_table(comparison: Comparison, phase: str) -> TextTable:
 
 def fit_report(fit: Fit) -> tuple[list[str], TextTable]:
     """The best value with what it is to be judged by, and a table of how well the model follows."""
+    from fvswell.fit import PAPER_REDUCTION
+
     problem, before, best = fit.problem, fit.before, fit.best
     reader = value_type(type(problem.case.tissue).model_fields[problem.parameter])
     unit = reader.unit if reader is not None else ""
@@ -226,8 +228,8 @@ def fit_report(fit: Fit) -> tuple[list[str], TextTable]:
         lines.append("this is an end of where was looked: a better value may lie beyond")
     if problem.parameter == "hydraulic_permeability" and isinstance(problem.case, BlockCase):
         lines.append(
-            "for comparison: Wilson et al. (2005) found -11.96 % in their block; what they fitted and for how long "
-            "cannot be read in full, so the same number is not to be expected"
+            f"for comparison: Wilson et al. (2005) found {-100.0 * PAPER_REDUCTION:.2f} % in their block; what they "
+            "fitted and for how long cannot be read in full, so the same number is not to be expected"
         )
     lines.append(f"{len(fit.trials)} runs of the fitted model, 1 of {problem.reference}, {fit.seconds:.0f} s")
     rows = [

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import studies
+from small_blocks import small_block
 from small_cases import CASES, small_compression, small_swelling
 from typer.testing import CliRunner, Result
 
@@ -112,11 +113,12 @@ def test_paper() -> None:
     cases.mkdir()
     (cases / "compression.toml").write_text(small_compression().to_toml())
     (cases / "swelling.toml").write_text(small_swelling().to_toml())
-    options = ("--sweep", "sweep.toml", "--processes", "1", "-o", "figures")
+    Path("block.toml").write_text(small_block().to_toml())
+    options = ("--sweep", "sweep.toml", "--block", "block.toml", "--processes", "1", "-o", "figures")
     result = fvswell("paper", cases, *options)
     assert result.exit_code == 0
     assert "What the paper reports, and what comes out here" in result.stdout
     names = {path.name for path in Path("figures").iterdir()}
-    pages = {f"figure{n}.{suffix}" for n in range(3, 9) for suffix in ("png", "pdf")}
+    pages = {f"figure{n}.{suffix}" for n in range(3, 10) for suffix in ("png", "pdf")}
     assert names == pages | {"paper.csv", "study.nc"}
     assert fvswell("paper", cases, *options).exit_code == 2

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import studies
+from small_blocks import small_block
 from small_cases import CASES, small_compression, small_swelling
 
 from fvswell.case import CaseError, load_case
@@ -30,7 +31,9 @@ def small_sweep(**changes: Any) -> Study:
 @pytest.fixture(scope="module")
 def results(tmp_path_factory) -> PaperResults:
     cases = (load_case(CASES / "paper" / f"{name}.toml") for name in ("compression", "swelling"))
-    return paper_results(*cases, small_sweep(), tmp_path_factory.mktemp("paper") / "study.nc", processes=1)
+    block = small_block(phase__swelling__duration=6e5, phase__compression__duration=3e5, time__steps_per_phase=40)
+    path = tmp_path_factory.mktemp("paper") / "study.nc"
+    return paper_results(*cases, block, small_sweep(), path, processes=1)
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +74,7 @@ def test_cases_are_the_reference_ones() -> None:
 
 
 def test_the_sweep_is_run_once_unless_it_is_another(tmp_path) -> None:
-    path, cases = tmp_path / "study.nc", (small_compression(), small_swelling())
+    path, cases = tmp_path / "study.nc", (small_compression(), small_swelling(), small_block())
     design = {"name": "line", "kind": "grid"}
     sweeps = [small_sweep(design=[design | {"counts": {"permeability": count}}]) for count in (2, 3)]
     first = paper_results(*cases, sweeps[0], path, processes=1)
@@ -99,6 +102,16 @@ def test_figures(results) -> None:
     assert len(figures["figure8"].axes) == 1
 
 
+def test_the_fitted_block_is_drawn_beside_the_full_model(results, found) -> None:
+    *_, swelling, compression = paper_figures(results)["figure9"].axes
+    assert len(swelling.lines) == len(compression.lines) == 3
+    before, after = (np.nansum(line.get_ydata() ** 2) for line in compression.lines[:2])
+    assert after < 0.5 * before
+    assert found["2D: R^2 with it"].agrees == "yes"
+    assert 0.74 < results.block.ratio < 0.79  # of the open-circuit permeability at rest in the second bath
+    assert f"{results.block.ratio:.3f} in compression" in found["2D: best permeability, over the tissue's"].here
+
+
 def differences_of(results: PaperResults, name: str) -> list:
     comparison = results.compression if name == "figure5" else results.swelling
     return [d for d in comparison.differences if d.model == "biphasic-swelling"]
@@ -114,8 +127,11 @@ def test_findings_are_written(found, tmp_path) -> None:
 
 def test_other_protocols_are_refused(tmp_path) -> None:
     block = load_case(CASES / "plane_strain.toml")
-    with pytest.raises(CaseError, match="must be a column with two phases"):
-        paper_results(block, block, small_sweep(), tmp_path / "study.nc")
+    columns = small_compression(), small_swelling()
+    with pytest.raises(CaseError, match="must be of geometry column with two phases"):
+        paper_results(block, block, block, small_sweep(), tmp_path / "study.nc")
+    with pytest.raises(CaseError, match="must be of geometry plane-strain with two phases"):
+        paper_results(*columns, columns[0], small_sweep(), tmp_path / "study.nc")
     with pytest.raises(CaseError, match="needs phases of swelling"):
-        paper_results(small_compression(), small_swelling(), studies.study(), tmp_path / "study.nc")
+        paper_results(*columns, block, studies.study(), tmp_path / "study.nc")
     assert not list(tmp_path.iterdir())
