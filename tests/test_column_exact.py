@@ -137,3 +137,28 @@ def test_stress_relaxation_of_mow() -> None:
     np.testing.assert_allclose(result["applied_pressure"], expected, rtol=0, atol=1e-3 * expected.max())
     assert expected.max() > 2.0 * expected[-1]  # there was something to relax
     np.testing.assert_allclose(result["height"][2:], 0.5 - 5e-6, rtol=1e-14)
+
+
+def test_negative_osmosis_that_the_grid_makes_vanishes_with_it() -> None:
+    """Without hindrance a small step to a weaker bath draws water out of cells too large for the first layer.
+
+    In them the first flow is that of the jumps of the potentials, L dy, of which the salt's draws water out and wins.
+    Where the layer is resolved, water and salt share it, and the strain is the exact a sqrt(t), with a > 0.
+    """
+    time = 1.0
+    case = single_phase(compression(tissue__hindrance_factor=0.0), time, piston_pressure=0.0, bath_concentration=1.49e-4)
+    case = case.with_changes({"time": {"scheme": "sdirk2", "tolerance": 1e-5}, "output.times": [time]})
+    batch = ColumnBatch.of([case])
+    column = LinearColumn.at_equilibrium(batch.cells, 0.5, 0.0, np.array([[1.5e-4]]))
+    expected = column.early_strain(column.boundary_change(0.0, -1e-6)).item()
+    assert expected > 0.0
+    found = [
+        float(fvswell.run(case.with_changes(grid))["global_strain"][-1])
+        for grid in (
+            {"geometry.cells": 5, "geometry.grading": 1},
+            {"geometry.cells": 50, "geometry.grading": 20},
+            {"geometry.cells": 200, "geometry.grading": 200},
+        )
+    ]
+    assert found[0] < 0.0
+    np.testing.assert_allclose(found[1:], expected, rtol=0.01)
