@@ -8,10 +8,12 @@ from fvswell.block import Block
 from fvswell.block_geometry import SECTIONS, edge_area_vectors, polygon_volume
 from fvswell.constants import FARADAY
 from fvswell.electrochemistry import electric_potential, fixed_charge_density, fluid_fraction
+from fvswell.fluxes import ion_flux_parts
+from fvswell.models import PointState
 from fvswell.time_stepping import State
 from fvswell.tissue import Array
 
-__all__ = ["block_fields", "cell_vectors"]
+__all__ = ["block_fields", "cell_gradients", "cell_vectors"]
 
 Record = dict[str, Array]
 
@@ -24,8 +26,8 @@ def block_fields(block: Block, state: State) -> Record:
     dict
         At vertices ``displacement_x``, ``displacement_y`` (mm, from the stress-free solid); in cells, ``(cells,)``:
         volume ratio, pressures, effective stresses (means over the cell; zz is out of the plane, or the hoop),
-        concentrations, potential, and fluxes per current area as vectors (``water_flux_x``, ...); and the driven
-        quantities, scalars, with ``_`` for the dot in their names.
+        concentrations, potential, and fluxes per current area as vectors (``water_flux_x``, ...), those of ions in
+        parts too (``cation_flux_diffusion_x``, ...); and the driven quantities, scalars, with ``_`` for the dot.
     """
     unknowns, bath = state.unknowns[0, 0], float(state.loads["bath"][0])
     term, positions, potentials = block.term, block.positions(unknowns), block.potentials(unknowns)
@@ -47,7 +49,7 @@ def block_fields(block: Block, state: State) -> Record:
         "water_potential": potentials[0, 0],
         **{f"effective_stress_{name}": value for name, value in stress._asdict().items()},
     }
-    fluxes = {"water_flux": state.fluxes[0, 0]}
+    vectors = {"water_flux": cell_vectors(block, positions, state.fluxes[0, 0])}
     if term.cells.model.swelling:
         tissue = term.cells.tissue
         psi = potentials[2] if term.cells.model.transports_ions else np.zeros_like(J)
@@ -60,11 +62,56 @@ def block_fields(block: Block, state: State) -> Record:
             "electric_potential": electric_potential(tissue, cells.cation, log_concentration, psi)[0],
         }
     if term.cells.model.transports_ions:
-        _, anion, current = state.fluxes[:, 0]
-        fluxes |= {"cation_flux": anion + current, "anion_flux": anion, "current_density": FARADAY * current}
-    for name, totals in fluxes.items():
-        record[f"{name}_x"], record[f"{name}_y"] = cell_vectors(block, positions, totals)
+        anion, current = (cell_vectors(block, positions, totals) for totals in state.fluxes[1:, 0])
+        vectors |= {"cation_flux": anion + current, "anion_flux": anion, "current_density": FARADAY * current}
+        vectors |= _ion_flux_parts(block, positions, cells, vectors, bath)
+    for name, vector in vectors.items():
+        record[f"{name}_x"], record[f"{name}_y"] = vector
     return record
+
+
+def _ion_flux_parts(block: Block, positions: Array, cells: PointState, fluxes: Record, bath: float) -> Record:
+    """Convection, diffusion and migration in the cells, ``(2, cells)`` each."""
+    term, tissue = block.term, block.term.cells.tissue
+    # at the bath the laws take J of the cell inside
+    outside = term.faces.at(cells.J[:, term.diamonds.cells[0]], np.full((1, len(term.diamonds.faces)), np.log(bath)))
+    ions = (
+        ("cation", cells.cation, outside.cation, tissue.cation_diffusivity),
+        ("anion", cells.anion, outside.anion, tissue.anion_diffusivity),
+    )
+    record: Record = {}
+    for ion, inside, at_faces, diffusivity in ions:
+        gradient = cell_gradients(block, positions, inside[0], at_faces[0])
+        parts = ion_flux_parts(
+            tissue, cells.J, inside, diffusivity, fluxes[f"{ion}_flux"], fluxes["water_flux"], gradient
+        )  # fmt: skip
+        record |= {f"{ion}_flux_{part}": value for part, value in parts._asdict().items()}
+    return record
+
+
+def cell_gradients(block: Block, positions: Array, inside: Array, outside: Array) -> Array:
+    """Gradients in the cells ``(2, cells)``, by least squares from the neighbours; exact for linear values.
+
+    Parameters
+    ----------
+    block, positions
+        The block and where its vertices are.
+    inside, outside
+        Values in the cells ``(cells,)``, and in the middles of the crossed faces ``(crossed,)``, of which those on
+        permeable edges count.
+    """
+    grid, crossed = block.grid, block.term.diamonds
+    centres = positions[:, grid.cell_vertices].mean(axis=1)
+    middles = positions[:, grid.face_vertices[:, crossed.faces]].mean(axis=1)
+    first, second = crossed.cells
+    way = np.where(crossed.boundary, middles, centres[:, second]) - centres[:, first]
+    rise = np.where(crossed.boundary, outside, inside[second]) - inside[first]
+    way_squared = (way**2).sum(axis=0)
+    normal, right = np.zeros((grid.cells, 2, 2)), np.zeros((grid.cells, 2))
+    for cells, kept in ((first, slice(None)), (second, ~crossed.boundary)):
+        np.add.at(normal, cells[kept], (way[:, None] * way / way_squared).T[kept])
+        np.add.at(right, cells[kept], (way * rise / way_squared).T[kept])
+    return np.einsum("cij,cj->ic", np.linalg.pinv(normal, hermitian=True), right)
 
 
 def cell_vectors(block: Block, positions: Array, totals: Array) -> Array:

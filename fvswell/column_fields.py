@@ -13,7 +13,7 @@ from fvswell.electrochemistry import (
     ion_concentrations,
     osmotic_pressure,
 )
-from fvswell.fluxes import IonFluxParts, ion_flux_parts
+from fvswell.fluxes import ion_flux_parts
 from fvswell.grid import ColumnGrid
 from fvswell.models import Mixture, PointState
 from fvswell.solid import uniaxial_stress
@@ -78,31 +78,24 @@ def _charged_fields(mixture: Mixture, state: PointState, log_concentration: Arra
 
 def _ion_fluxes(grid: ColumnGrid, laws: Column, state: State, loads: Loads) -> Record:
     """Ion fluxes and their parts at the nodes; zero at the piston."""
-    J, log_c, psi = state.unknowns
+    J, log_c, _ = state.unknowns
     tissue, bath = laws.faces.tissue, np.log(loads.bath_concentration)
     J_face = grid.face_stretch(J)
     log_c_face = np.concatenate([bath, 0.5 * (log_c[:, 1:] + log_c[:, :-1])], axis=1)
-    distance = grid.distances * J_face
     at_faces = ion_concentrations(tissue, J_face, log_c_face)
     in_cells = ion_concentrations(laws.cells.tissue, J, log_c)
     at_filter = ion_concentrations(tissue.points(slice(0, 1)), _filter_stretch(grid, J), bath)
-    log_c_gradient = np.diff(log_c, axis=1, prepend=bath) / distance
-    psi_gradient = np.diff(psi, axis=1, prepend=0.0) / distance
     water, anion, current = state.fluxes[:, 0]
     record: Record = {"current_density": FARADAY * current}
-    ions = (
-        ("cation", anion + current, tissue.cation_diffusivity, +1.0),
-        ("anion", anion, tissue.anion_diffusivity, -1.0),
-    )
-    for index, (ion, flux, diffusivity, valence) in enumerate(ions):
-        face, cells = at_faces[index], in_cells[index]
-        gradient = np.diff(cells, axis=1, prepend=at_filter[index]) / distance
-        # grad xi from the virtual potential and the Donnan potential, see electrochemistry.electric_potential
-        energy_gradient = valence * psi_gradient + log_c_gradient - gradient / face
-        parts = ion_flux_parts(tissue, J_face, face, diffusivity, water[None, :-1], gradient, energy_gradient)
+    ions = (("cation", anion + current, tissue.cation_diffusivity), ("anion", anion, tissue.anion_diffusivity))
+    for index, (ion, flux, diffusivity) in enumerate(ions):
+        gradient = np.diff(in_cells[index], axis=1, prepend=at_filter[index]) / (grid.distances * J_face)
+        parts = ion_flux_parts(
+            tissue, J_face, at_faces[index], diffusivity, flux[None, :-1], water[None, :-1], gradient
+        )  # fmt: skip
         record[f"{ion}_flux"] = flux
-        for part, value in zip(IonFluxParts._fields, parts, strict=True):
-            record[f"{ion}_flux_{part}"] = np.append(np.broadcast_to(value, J.shape)[0], 0.0)
+        for part, value in parts._asdict().items():
+            record[f"{ion}_flux_{part}"] = np.append(value[0], 0.0)
     return record
 
 

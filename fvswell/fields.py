@@ -32,14 +32,12 @@ class Field:
 
 _EDGES = ("left", "right", "bottom", "top")
 _CONCENTRATION, _ION_FLUX, _STRESS = "mmol mm-3", "mmol mm-2 s-1", "N mm-2"
+_PARTS = ("convection", "diffusion", "migration")
 
 
 def _ion_fluxes(ion: str) -> dict[str, Field]:
     total = {f"{ion}_flux": Field(_ION_FLUX, f"{ion} flux relative to the solid, positive along +x", "node")}
-    parts = {
-        f"{ion}_flux_{part}": Field(_ION_FLUX, f"part of the {ion} flux by {part}", "node")
-        for part in ("convection", "diffusion", "migration")
-    }
+    parts = {f"{ion}_flux_{part}": Field(_ION_FLUX, f"part of the {ion} flux by {part}", "node") for part in _PARTS}
     return total | parts
 
 
@@ -114,6 +112,12 @@ FIELDS: dict[str, Field] = {
             ("anion_flux", _ION_FLUX),
             ("current_density", "A mm-2"),
         )
+        for axis in ("x", "y")
+    },
+    **{
+        f"{ion}_flux_{part}_{axis}": Field(_ION_FLUX, f"part of the {ion} flux by {part}, along {axis}", "cell")
+        for ion in ("cation", "anion")
+        for part in _PARTS
         for axis in ("x", "y")
     },
     "phase_end": Field("s", "time at which the phase ends", "phase", "phase: point"),

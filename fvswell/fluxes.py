@@ -148,11 +148,14 @@ def ion_flux_parts(
     J: Array,
     concentration: Array,
     diffusivity: Array,
+    flux: Array,
     water_flux: Array,
     concentration_gradient: Array,
-    potential_energy_gradient: Array,
 ) -> IonFluxParts:
     """Convection, diffusion and migration of one ion, told in the concentrations found in the tissue.
+
+    Migration is -n_f D c z F grad xi/(R T), with z = +-1 and xi the electric potential in the tissue: what the other
+    two leave of the flux.
 
     Parameters
     ----------
@@ -160,16 +163,11 @@ def ion_flux_parts(
         Properties at the points.
     J, concentration, diffusivity
         Volume ratio, concentration (mmol per mm3 of fluid) and free diffusivity (mm2/s) of the ion.
-    water_flux
-        q in mm/s.
+    flux, water_flux
+        j in mmol/(mm2 s) and q in mm/s.
     concentration_gradient
         grad c of the ion, mmol/mm4.
-    potential_energy_gradient
-        z F grad xi/(R T), 1/mm, with xi the electric potential in the tissue and z = +-1.
     """
-    mobility = fluid_fraction(tissue, J) * diffusivity
-    return IonFluxParts(
-        convection=tissue.convection_factor * concentration * water_flux,
-        diffusion=-mobility * concentration_gradient,
-        migration=-mobility * concentration * potential_energy_gradient,
-    )
+    convection = tissue.convection_factor * concentration * water_flux
+    diffusion = -fluid_fraction(tissue, J) * diffusivity * concentration_gradient
+    return IonFluxParts(convection, diffusion, flux - convection - diffusion)

@@ -23,13 +23,15 @@ from tissues import reference_tissue
 from fvswell.block import EdgeLoads, make_block
 from fvswell.block_edges import EdgeCondition
 from fvswell.block_equilibrium import equilibrated_state, initial_open_circuit_ratio, with_open_circuit_ratio
-from fvswell.block_fields import block_fields, cell_vectors
+from fvswell.block_fields import block_fields, cell_gradients, cell_vectors
 from fvswell.block_geometry import edge_area_vectors
 from fvswell.block_grid import block_grid, graded_nodes, shaped_block_grid
 from fvswell.block_mechanics import stress_points
 from fvswell.block_system import BlockSystem, edge_loads
 from fvswell.block_transport import BlockInterval
 from fvswell.column import Column, Loads
+from fvswell.constants import FARADAY
+from fvswell.electrochemistry import electric_potential
 from fvswell.grid import column_grid
 from fvswell.models import BIPHASIC, BIPHASIC_SWELLING, ELECTROCHEMICAL, MODELS, Mixture, Model
 from fvswell.newton import ColumnSystem
@@ -316,3 +318,46 @@ def test_fields(kind: str) -> None:
     np.testing.assert_allclose(fields["fluid_pressure"], fields["osmotic_pressure"] + fields["water_potential"])
     assert np.abs(fields["displacement_y"][grid.edge_vertices("bottom")]).max() == 0.0
     assert fields["top_displacement"] > 0.0
+
+
+@by_kind
+def test_gradients_are_exact_for_linear_values(kind: str) -> None:
+    block = block_system(rough_grid(kind), GLUED, ELECTROCHEMICAL).block
+    positions = block.grid.vertices + 0.05 * np.sin(3.0 * block.grid.vertices[::-1])
+    slope = np.array([0.7, -1.3])
+    centres = positions[:, block.grid.cell_vertices].mean(axis=1)
+    middles = positions[:, block.grid.face_vertices[:, block.term.diamonds.faces]].mean(axis=1)
+    gradients = cell_gradients(block, positions, slope @ centres, slope @ middles)
+    np.testing.assert_allclose(gradients, np.broadcast_to(slope[:, None], gradients.shape), rtol=1e-12)
+
+
+@by_kind
+def test_parts_of_ion_fluxes(kind: str) -> None:
+    """They add up, and what is called migration is that in the gradient of the electric potential; to first order."""
+    gaps = []
+    for n in (8, 16, 32):
+        grid = shaped_block_grid(kind, distorted_vertices(2 * n, n))
+        system = block_system(grid, GLUED, ELECTROCHEMICAL)
+        block, start = system.block, equilibrated_state(system, BATH)
+        prescribed = {"bath": np.array([0.7 * BATH]), "top.pressure": np.array([0.05])}
+        done = system.solve(start.unknowns, start.loads, Stage(start.contents, np.array([400.0]), prescribed))
+        loads = start.loads | {"bath": prescribed["bath"]}
+        state = replace(start, unknowns=done.unknowns, contents=done.contents, fluxes=done.fluxes, loads=loads)
+        fields, tissue = block_fields(block, state), block.term.cells.tissue
+        positions = block.positions(state.unknowns[0, 0])
+        for axis in ("x", "y"):
+            for ion in ("cation", "anion"):
+                parts = [fields[f"{ion}_flux_{part}_{axis}"] for part in ("convection", "diffusion", "migration")]
+                total = fields[f"{ion}_flux_{axis}"]
+                np.testing.assert_allclose(sum(parts), total, rtol=1e-12, atol=1e-12 * np.abs(parts[1]).max())
+        log_bath = np.full((1, len(block.term.diamonds.faces)), np.log(0.7 * BATH))
+        outside = block.term.faces.at(done.contents[0][:, block.term.diamonds.cells[0]], log_bath)
+        xi_outside = electric_potential(block.term.faces.tissue, outside.cation, log_bath, 0.0 * log_bath)[0]
+        slope = cell_gradients(block, positions, fields["electric_potential"], xi_outside)
+        mobility = (fields["fluid_fraction"] * tissue.cation_diffusivity * FARADAY / tissue.thermal_energy)[0]
+        expected = -mobility * fields["cation_concentration"] * slope
+        found = np.stack([fields["cation_flux_migration_x"], fields["cation_flux_migration_y"]])
+        scale = np.abs([fields["cation_flux_diffusion_x"], fields["cation_flux_diffusion_y"]]).max()
+        gaps.append(np.sqrt(((found - expected) ** 2).mean()) / scale)
+    assert gaps[0] > 1.8 * gaps[1] > 1.8**2 * gaps[2], gaps
+    assert gaps[2] < 0.01

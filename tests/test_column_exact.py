@@ -146,7 +146,9 @@ def test_negative_osmosis_that_the_grid_makes_vanishes_with_it() -> None:
     Where the layer is resolved, water and salt share it, and the strain is the exact a sqrt(t), with a > 0.
     """
     time = 1.0
-    case = single_phase(compression(tissue__hindrance_factor=0.0), time, piston_pressure=0.0, bath_concentration=1.49e-4)
+    case = single_phase(
+        compression(tissue__hindrance_factor=0.0), time, piston_pressure=0.0, bath_concentration=1.49e-4
+    )
     case = case.with_changes({"time": {"scheme": "sdirk2", "tolerance": 1e-5}, "output.times": [time]})
     batch = ColumnBatch.of([case])
     column = LinearColumn.at_equilibrium(batch.cells, 0.5, 0.0, np.array([[1.5e-4]]))

@@ -111,8 +111,10 @@ def test_parts_add_up_to_the_flux() -> None:
     flux = mixture_fluxes(tissue, J, *at, water, salt, psi)
     diffusivities = (tissue.cation_diffusivity, tissue.anion_diffusivity)
     for ion, (c, D, total, valence) in enumerate(zip(at, diffusivities, flux[1:], (1, -1), strict=True)):
-        parts = ion_flux_parts(tissue, J, c, D, flux.water, ions[ion].imag / 1e-30, valence * grad_xi)
-        np.testing.assert_allclose(sum(parts), total, rtol=1e-10, atol=1e-12 * np.abs(parts.diffusion).max())
+        parts = ion_flux_parts(tissue, J, c, D, total, flux.water, ions[ion].imag / 1e-30)
+        migration = -fluid_fraction(tissue, J) * D * c * valence * grad_xi
+        np.testing.assert_allclose(parts.migration, migration, rtol=1e-10, atol=1e-12 * np.abs(parts.diffusion).max())
+        np.testing.assert_allclose(sum(parts), total, rtol=1e-12, atol=1e-15 * np.abs(parts.diffusion).max())
 
 
 def test_ions_left_behind_by_the_water_do_not_feel_it() -> None:
