@@ -27,10 +27,10 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 import fvswell
-from fvswell.block_run import BlockRun
-from fvswell.block_system import edge_loads
-from fvswell.block_transport import BlockInterval
-from fvswell.direct_solver import DirectSolver
+from fvswell.block.system import edge_loads
+from fvswell.block.transport import BlockInterval
+from fvswell.numerics.direct_solver import DirectSolver
+from fvswell.simulation.block_run import BlockRun
 
 CASE = Path(__file__).parent.parent / "cases" / "plane_strain.toml"
 SIDES = (20, 40, 80, 160)

@@ -22,13 +22,13 @@ import lsoda_peer
 import numpy as np
 
 import fvswell
-from fvswell.column import Loads
-from fvswell.column_batch import ColumnBatch
-from fvswell.models import MODELS
-from fvswell.relaxation import phase_durations
-from fvswell.stock_terms import StockTermsTransport
-from fvswell.time_stepping import Marcher
-from fvswell.transport_term import Interval
+from fvswell.column.column import Loads
+from fvswell.column.stock_terms import StockTermsTransport
+from fvswell.column.transport_term import Interval
+from fvswell.numerics.time_stepping import Marcher
+from fvswell.physics.models import MODELS
+from fvswell.simulation.column_batch import ColumnBatch
+from fvswell.simulation.relaxation import phase_durations
 
 CASE = fvswell.load_case(Path(__file__).parent.parent / "cases" / "confined_compression.toml")
 DURATION = 600.0

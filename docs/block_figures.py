@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 from matplotlib.collections import PolyCollection
 
 import fvswell
-from fvswell.moved_grid import moved_nodes, quadrilaterals
+from fvswell.results.moved_grid import moved_nodes, quadrilaterals
 
 ROOT = Path(__file__).parent.parent
 

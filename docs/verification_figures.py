@@ -13,11 +13,11 @@ import numpy as np
 import xarray as xr
 
 import fvswell
-from fvswell.case import Case
-from fvswell.column_batch import ColumnBatch
+from fvswell.case.case import Case
 from fvswell.exact.linear_swelling import LinearColumn
-from fvswell.models import MODELS
-from fvswell.tissue import Array
+from fvswell.physics.models import MODELS
+from fvswell.physics.tissue import Array
+from fvswell.simulation.column_batch import ColumnBatch
 
 HERE = Path(__file__).parent
 CASES, REFERENCE, FIGURES = HERE.parent / "cases", HERE.parent / "tests" / "reference", HERE / "figures"

@@ -5,17 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from fvswell.case import Case, CaseError, load_case
-    from fvswell.comparison import compare
+    from fvswell.analysis.comparison import compare
+    from fvswell.case.case import Case, CaseError, load_case
     from fvswell.errors import OutputError, SolverError
-    from fvswell.results import read_result
-    from fvswell.simulation import run
+    from fvswell.results.file import read_result
+    from fvswell.simulation.run import run
 
 __version__ = "0.1.0"
 
 _HOMES = {
-    "Case": "case", "CaseError": "case", "load_case": "case", "compare": "comparison", "run": "simulation",
-    "read_result": "results", "OutputError": "errors", "SolverError": "errors",
+    "Case": "case.case", "CaseError": "case.errors", "load_case": "case.case", "compare": "analysis.comparison",
+    "run": "simulation.run", "read_result": "results.file", "OutputError": "errors", "SolverError": "errors",
 }  # fmt: skip
 __all__ = ["Case", "CaseError", "OutputError", "SolverError", "compare", "load_case", "read_result", "run"]
 

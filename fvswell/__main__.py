@@ -1,5 +1,5 @@
 """``python -m fvswell``: the command line."""
 
-from fvswell.cli import main
+from fvswell.cli.main import main
 
 main()

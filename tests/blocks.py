@@ -9,13 +9,13 @@ import numpy as np
 from scipy import sparse
 from tissues import reference_tissue
 
-from fvswell.block import make_block
-from fvswell.block_edges import EdgeCondition
-from fvswell.block_grid import BlockGrid, shaped_block_grid
-from fvswell.block_system import BlockSystem
-from fvswell.models import Mixture, Model
-from fvswell.protocol import Drive, Protocol
-from fvswell.tissue import Array, Tissue
+from fvswell.block.block import make_block
+from fvswell.block.edges import EdgeCondition
+from fvswell.block.grid import BlockGrid, shaped_block_grid
+from fvswell.block.system import BlockSystem
+from fvswell.numerics.protocol import Drive, Protocol
+from fvswell.physics.models import Mixture, Model
+from fvswell.physics.tissue import Array, Tissue
 
 BATH = 1.5e-4
 # the 2D case of Wilson et al. (2005): glued below, symmetric on the left, draining on the right, under a plate

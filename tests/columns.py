@@ -9,14 +9,14 @@ import numpy as np
 import xarray as xr
 
 import fvswell
-from fvswell.case import Case
-from fvswell.column import Loads
-from fvswell.column_batch import ColumnBatch
-from fvswell.models import MODELS
-from fvswell.system import Stage
-from fvswell.time_stepping import Marcher, State, Step, StepControl
-from fvswell.tissue import Array
-from fvswell.transport_term import CoupledTransportTerm, Interval
+from fvswell.case.case import Case
+from fvswell.column.column import Loads
+from fvswell.column.transport_term import CoupledTransportTerm, Interval
+from fvswell.numerics.system import Stage
+from fvswell.numerics.time_stepping import Marcher, State, Step, StepControl
+from fvswell.physics.models import MODELS
+from fvswell.physics.tissue import Array
+from fvswell.simulation.column_batch import ColumnBatch
 
 CASES = Path(__file__).parents[1] / "cases"
 NO_HINDRANCE = {"tissue.hindrance_factor": 0.0}

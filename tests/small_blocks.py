@@ -6,7 +6,7 @@ from typing import Any
 
 from small_cases import CASES
 
-from fvswell.case import BlockCase, load_case
+from fvswell.case.case import BlockCase, load_case
 
 SMALL = {
     "geometry.cells": [5, 4],

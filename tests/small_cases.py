@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from fvswell.case import Case, load_case
+from fvswell.case.case import Case, load_case
 
 CASES = Path(__file__).parent.parent / "cases"
 

@@ -10,8 +10,8 @@ import numpy as np
 import tomli_w
 import xarray as xr
 
-from fvswell.case import Case
-from fvswell.study import Study
+from fvswell.case.case import Case
+from fvswell.study.study import Study
 
 CASES = Path(__file__).parent.parent / "cases"
 SMALL = {"geometry.cells": 12, "time.steps_per_phase": 8}

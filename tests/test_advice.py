@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from small_cases import CASES, small_compression, small_swelling
 
-from fvswell.advice import ADEQUATE, GOOD, advise
-from fvswell.advice_report import advice_lines, advice_tables
-from fvswell.case import Case, CaseError, load_case
-from fvswell.case_prediction import conditions_of, is_uniform, mean_tissue, predict_cases
-from fvswell.comparison import compare
-from fvswell.equilibrium import equilibrium_volume_ratio
+from fvswell.analysis.advice import ADEQUATE, GOOD, advise
+from fvswell.analysis.comparison import compare
+from fvswell.case.case import Case, CaseError, load_case
+from fvswell.physics.equilibrium import equilibrium_volume_ratio
+from fvswell.prediction.case_prediction import conditions_of, is_uniform, mean_tissue, predict_cases
+from fvswell.reporting.advice_report import advice_lines, advice_tables
 
 ACCURATE = {"time": {"scheme": "sdirk2", "tolerance": 1e-4}, "geometry.cells": 30, "geometry.grading": 10}
 RELAXED = {"phase.loading.duration": "1.5 relaxation times", "phase.unloading.duration": "1.5 relaxation times"}

@@ -7,13 +7,13 @@ import pytest
 from blocks import BATH, UNCONFINED, block_system, protocol
 from tissues import reference_tissue
 
-from fvswell.block_equilibrium import equilibrated_state
-from fvswell.block_grid import block_grid, graded_nodes
+from fvswell.block.equilibrium import equilibrated_state
+from fvswell.block.grid import block_grid, graded_nodes
 from fvswell.exact.mandel import MandelBlock
 from fvswell.exact.unconfined_compression import UnconfinedDisc
-from fvswell.models import BIPHASIC
-from fvswell.time_stepping import SDIRK2, Marcher, State, Step, StepControl
-from fvswell.tissue import Array, Tissue
+from fvswell.numerics.time_stepping import SDIRK2, Marcher, State, Step, StepControl
+from fvswell.physics.models import BIPHASIC
+from fvswell.physics.tissue import Array, Tissue
 
 _SCALED_TIMES = np.array([0.01, 0.05, 0.1, 0.5, 1.0])
 _SMALL = 1e-6  # MPa: strains of 1e-6, so that the solid is linear to that

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from blocks import BATH, CLAMPED, CLAMPED_DISC, block_system, distorted_vertices, rough_grid
 
-from fvswell.block_edges import EdgeCondition, check_edges
-from fvswell.block_geometry import SECTIONS, polygon_volume, polygon_volume_gradient
-from fvswell.block_grid import block_grid, graded_nodes, shaped_block_grid
-from fvswell.differentiation import local_derivative
-from fvswell.models import ELECTROCHEMICAL
+from fvswell.block.edges import EdgeCondition, check_edges
+from fvswell.block.geometry import SECTIONS, polygon_volume, polygon_volume_gradient
+from fvswell.block.grid import block_grid, graded_nodes, shaped_block_grid
+from fvswell.numerics.differentiation import local_derivative
+from fvswell.physics.models import ELECTROCHEMICAL
 
 KINDS = tuple(SECTIONS)
 FREE, ROLLER, TIED, FIXED = (EdgeCondition(name, name == "free") for name in ("free", "roller", "tied", "fixed"))  # type: ignore[arg-type]

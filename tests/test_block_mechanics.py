@@ -9,16 +9,16 @@ from scipy.optimize import brentq
 from scipy.sparse.linalg import spsolve
 from tissues import REFERENCE_BATH, reference_tissue
 
-from fvswell.block import Block
-from fvswell.block_equilibrium import NoEquilibrium, equilibrated_state
-from fvswell.block_grid import shaped_block_grid
-from fvswell.block_mechanics import BlockSolid, block_solid
-from fvswell.block_system import edge_loads
-from fvswell.block_transport import BlockInterval
-from fvswell.equilibrium import isotropic_equilibrium_volume_ratio, osmotic_pressure_difference
-from fvswell.models import BIPHASIC, BIPHASIC_SWELLING, ELECTROCHEMICAL
-from fvswell.solid import SOLIDS, cauchy_stress
-from fvswell.tissue import Array
+from fvswell.block.block import Block
+from fvswell.block.equilibrium import NoEquilibrium, equilibrated_state
+from fvswell.block.grid import shaped_block_grid
+from fvswell.block.mechanics import BlockSolid, block_solid
+from fvswell.block.system import edge_loads
+from fvswell.block.transport import BlockInterval
+from fvswell.physics.equilibrium import isotropic_equilibrium_volume_ratio, osmotic_pressure_difference
+from fvswell.physics.models import BIPHASIC, BIPHASIC_SWELLING, ELECTROCHEMICAL
+from fvswell.physics.solid import SOLIDS, cauchy_stress
+from fvswell.physics.tissue import Array
 
 
 def forces_at_vertices(solid: BlockSolid, cell_vertices: Array, positions: Array) -> Array:

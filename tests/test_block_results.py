@@ -14,16 +14,16 @@ from small_blocks import small_block
 from small_cases import small_compression
 from typer.testing import CliRunner
 
-from fvswell.block_plots import all_blocks, block_comparison_figure, block_figure
-from fvswell.case import MODELS
-from fvswell.cli import app
-from fvswell.comparison import BlockDifference, Comparison, compare_results
+from fvswell.analysis.comparison import BlockDifference, Comparison, compare_results
+from fvswell.case.case import MODELS
+from fvswell.cli.main import app
 from fvswell.errors import OutputError
-from fvswell.fields import FIELDS
-from fvswell.moved_grid import is_block, moved_nodes, quadrilaterals
-from fvswell.plots import chosen_times, chosen_variables
-from fvswell.results import read_case, read_result
-from fvswell.simulation import run
+from fvswell.reporting.block_plots import all_blocks, block_comparison_figure, block_figure
+from fvswell.reporting.plots import chosen_times, chosen_variables
+from fvswell.results.fields import FIELDS
+from fvswell.results.file import read_case, read_result
+from fvswell.results.moved_grid import is_block, moved_nodes, quadrilaterals
+from fvswell.simulation.run import run
 
 GRID = {"mesh", "face_nodes", "node_x", "node_y", "face_x", "face_y", "probe", "time"}
 LOCATIONS = {"cell": "face", "node": "node"}

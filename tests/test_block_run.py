@@ -11,13 +11,13 @@ from small_blocks import inverting_block, small_block
 from small_cases import CASES, small_compression, small_swelling
 from typer.testing import CliRunner
 
-from fvswell.case import MODELS, BlockCase, Case, load_case
-from fvswell.characteristics import characteristics
-from fvswell.cli import app
-from fvswell.comparison import compare
+from fvswell.analysis.characteristics import characteristics
+from fvswell.analysis.comparison import compare
+from fvswell.case.case import MODELS, BlockCase, Case, load_case
+from fvswell.cli.main import app
 from fvswell.errors import SolverError
-from fvswell.results import COMPLETE, read_result
-from fvswell.simulation import Progress, run
+from fvswell.results.file import COMPLETE, read_result
+from fvswell.simulation.run import Progress, run
 
 
 def column_as_block(column: Case) -> BlockCase:

@@ -20,26 +20,26 @@ from blocks import (
 from scipy import sparse
 from tissues import reference_tissue
 
-from fvswell.block import EdgeLoads, make_block
-from fvswell.block_edges import EdgeCondition
-from fvswell.block_equilibrium import equilibrated_state, initial_open_circuit_ratio, with_open_circuit_ratio
-from fvswell.block_fields import block_fields, cell_gradients, cell_vectors
-from fvswell.block_geometry import edge_area_vectors
-from fvswell.block_grid import block_grid, graded_nodes, shaped_block_grid
-from fvswell.block_mechanics import stress_points
-from fvswell.block_system import BlockSystem, edge_loads
-from fvswell.block_transport import BlockInterval
-from fvswell.column import Column, Loads
-from fvswell.constants import FARADAY
-from fvswell.electrochemistry import electric_potential
-from fvswell.grid import column_grid
-from fvswell.models import BIPHASIC, BIPHASIC_SWELLING, ELECTROCHEMICAL, MODELS, Mixture, Model
-from fvswell.newton import ColumnSystem
-from fvswell.solid import aggregate_modulus
-from fvswell.system import Solution, Stage
-from fvswell.time_stepping import BACKWARD_EULER, SDIRK2, Marcher, Scheme, State, Step, StepControl
-from fvswell.tissue import Array, Tissue
-from fvswell.transport_term import CoupledTransportTerm
+from fvswell.block.block import EdgeLoads, make_block
+from fvswell.block.edges import EdgeCondition
+from fvswell.block.equilibrium import equilibrated_state, initial_open_circuit_ratio, with_open_circuit_ratio
+from fvswell.block.fields import block_fields, cell_gradients, cell_vectors
+from fvswell.block.geometry import edge_area_vectors
+from fvswell.block.grid import block_grid, graded_nodes, shaped_block_grid
+from fvswell.block.mechanics import stress_points
+from fvswell.block.system import BlockSystem, edge_loads
+from fvswell.block.transport import BlockInterval
+from fvswell.column.column import Column, Loads
+from fvswell.column.grid import column_grid
+from fvswell.column.newton import ColumnSystem
+from fvswell.column.transport_term import CoupledTransportTerm
+from fvswell.numerics.system import Solution, Stage
+from fvswell.numerics.time_stepping import BACKWARD_EULER, SDIRK2, Marcher, Scheme, State, Step, StepControl
+from fvswell.physics.constants import FARADAY
+from fvswell.physics.electrochemistry import electric_potential
+from fvswell.physics.models import BIPHASIC, BIPHASIC_SWELLING, ELECTROCHEMICAL, MODELS, Mixture, Model
+from fvswell.physics.solid import aggregate_modulus
+from fvswell.physics.tissue import Array, Tissue
 
 by_model = pytest.mark.parametrize("model", MODELS.values(), ids=lambda model: model.name)
 by_kind = pytest.mark.parametrize("kind", ["plane-strain", "axisymmetric"])
@@ -76,7 +76,7 @@ def test_jacobian_is_the_derivative_of_the_residual(kind: str, model: Model, dri
 
 @by_model
 def test_newton_converges_quadratically(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fvswell.block_newton._KEEP", 0.0)  # a Jacobian for every step
+    monkeypatch.setattr("fvswell.block.newton._KEEP", 0.0)  # a Jacobian for every step
     system = block_system(rough_grid("plane-strain"), GLUED, model)
     start = equilibrated_state(system, BATH)
     loads = edge_loads({"top.pressure": np.array([0.3])})
@@ -96,7 +96,7 @@ def test_kept_factors_lead_to_the_same_solution(model: Model, monkeypatch: pytes
     loads = edge_loads({"top.pressure": np.array([0.3])})
     results = []
     for keep in (0.1, 0.0):
-        monkeypatch.setattr("fvswell.block_newton._KEEP", keep)
+        monkeypatch.setattr("fvswell.block.newton._KEEP", keep)
         results.append(system.iterate(start.unknowns[0, 0], BlockInterval(start.contents, 20.0, 0.7e-4), loads))
     kept, fresh = results
     assert kept.converged

@@ -13,11 +13,11 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 from tissues import reference_tissue
 
-from fvswell.block import Block
-from fvswell.block_grid import block_grid, graded_nodes, shaped_block_grid
-from fvswell.block_transport import BlockInterval
-from fvswell.models import BIPHASIC, ELECTROCHEMICAL, MODELS, Mixture, Model
-from fvswell.tissue import Array
+from fvswell.block.block import Block
+from fvswell.block.grid import block_grid, graded_nodes, shaped_block_grid
+from fvswell.block.transport import BlockInterval
+from fvswell.physics.models import BIPHASIC, ELECTROCHEMICAL, MODELS, Mixture, Model
+from fvswell.physics.tissue import Array
 
 
 def fipy_matrix(term: Any, var: CellVariable) -> Array:

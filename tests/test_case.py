@@ -11,14 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fvswell
-from fvswell.case import MODELS, Case, CaseError, load_case, parse_setting, starter_text
-from fvswell.case_profiles import DepthProfile
-from fvswell.case_reading import tables_below, value_type
-from fvswell.case_reference import case_reference
-from fvswell.case_schema import CaseTable
-from fvswell.case_values import Ramp, RelaxationTimes, final_value
-from fvswell.equilibrium import equilibrium_volume_ratio
-from fvswell.tissue import Tissue
+from fvswell.case.case import MODELS, Case, CaseError, load_case, parse_setting, starter_text
+from fvswell.case.profiles import DepthProfile
+from fvswell.case.reading import tables_below, value_type
+from fvswell.case.reference import case_reference
+from fvswell.case.schema import CaseTable
+from fvswell.case.values import Ramp, RelaxationTimes, final_value
+from fvswell.physics.equilibrium import equilibrium_volume_ratio
+from fvswell.physics.tissue import Tissue
 
 ROOT = Path(fvswell.__file__).parents[1]
 COMPRESSION = (ROOT / "cases" / "confined_compression.toml").read_text()

@@ -10,8 +10,8 @@ from small_blocks import small_block
 from small_cases import CASES
 from typer.testing import CliRunner
 
-from fvswell.case import Case, CaseError
-from fvswell.cli import app
+from fvswell.case.case import Case, CaseError
+from fvswell.cli.main import app
 
 TEXT = (CASES / "plane_strain.toml").read_text(encoding="utf-8")
 

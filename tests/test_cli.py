@@ -18,9 +18,9 @@ from small_cases import CASES, impossible_compression, small_compression
 from typer.testing import CliRunner, Result
 
 from fvswell import __version__
-from fvswell.case import MODELS, load_case
-from fvswell.cli import app
-from fvswell.results import read_result
+from fvswell.case.case import MODELS, load_case
+from fvswell.cli.main import app
+from fvswell.results.file import read_result
 
 COMMAND = [sys.executable, "-m", "fvswell"]
 
@@ -51,7 +51,7 @@ def files() -> set[str]:
 
 def test_help_needs_none_of_the_slow_libraries() -> None:
     script = (
-        "import sys\nfrom typer.testing import CliRunner\nfrom fvswell.cli import app\n"
+        "import sys\nfrom typer.testing import CliRunner\nfrom fvswell.cli.main import app\n"
         "assert CliRunner().invoke(app, ['--help']).exit_code == 0\nprint(*sys.modules)"
     )
     loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.split()

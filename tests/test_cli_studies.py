@@ -11,8 +11,8 @@ from small_blocks import small_block
 from small_cases import CASES, small_compression, small_swelling
 from typer.testing import CliRunner, Result
 
-from fvswell.cli import app
-from fvswell.study_file import read_study
+from fvswell.cli.main import app
+from fvswell.study.file import read_study
 
 
 @pytest.fixture(autouse=True)
@@ -61,7 +61,7 @@ def test_interrupted_studies_say_how_to_go_on(study_file, monkeypatch) -> None:
     def interrupt(*_args, **_options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("fvswell.study_run.run_study", interrupt)
+    monkeypatch.setattr("fvswell.study.run.run_study", interrupt)
     result = fvswell("study", study_file)
     assert result.exit_code == 130
     assert "the same command goes on" in result.stderr

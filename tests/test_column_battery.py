@@ -11,12 +11,12 @@ from columns import compression, swelling
 from scipy.interpolate import CubicSpline
 
 import fvswell
-from fvswell.case import Case
-from fvswell.constants import FARADAY, GAS_CONSTANT
-from fvswell.fields import FIELDS
-from fvswell.models import MODELS
-from fvswell.solid import uniaxial_stress
-from fvswell.tissue import Array, Tissue
+from fvswell.case.case import Case
+from fvswell.physics.constants import FARADAY, GAS_CONSTANT
+from fvswell.physics.models import MODELS
+from fvswell.physics.solid import uniaxial_stress
+from fvswell.physics.tissue import Array, Tissue
+from fvswell.results.fields import FIELDS
 
 SMALL = {"geometry__cells": 24, "time__steps_per_phase": 8}
 CONTROLLED = {"geometry__cells": 24, "time__scheme": "sdirk2", "time__tolerance": 1e-3}

@@ -8,7 +8,7 @@ import xarray as xr
 from columns import compression, relaxed, single_phase, swelling
 
 import fvswell
-from fvswell.models import MODELS
+from fvswell.physics.models import MODELS
 
 # the numbers below were worked out with R = 8.3145 N mm/(mmol K)
 COMPARABLE = {"bath__temperature": 298.0 * 8.3145 / 8.314462618, "geometry__cells": 12}

@@ -10,11 +10,11 @@ import xarray as xr
 from columns import compression, single_phase, strain_at
 
 import fvswell
-from fvswell.column_batch import ColumnBatch
 from fvswell.exact.confined_compression import creep_fluid_pressure, creep_strain, relaxation_pressure
 from fvswell.exact.linear_swelling import LinearColumn
-from fvswell.models import MODELS
-from fvswell.tissue import Array
+from fvswell.physics.models import MODELS
+from fvswell.physics.tissue import Array
+from fvswell.simulation.column_batch import ColumnBatch
 
 TIMES = np.array([5.0, 20.0, 100.0, 400.0])
 # amplitudes of the steps, of which the second is half the first

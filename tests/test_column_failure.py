@@ -11,12 +11,12 @@ from columns import compression, march, single_phase
 
 import fvswell
 from fvswell import SolverError
-from fvswell.case import Case
-from fvswell.column_batch import ColumnBatch
-from fvswell.newton import ColumnSystem
-from fvswell.system import LoadValues, Solution, Stage
-from fvswell.time_stepping import Marcher, State, Step
-from fvswell.tissue import Array
+from fvswell.case.case import Case
+from fvswell.column.newton import ColumnSystem
+from fvswell.numerics.system import LoadValues, Solution, Stage
+from fvswell.numerics.time_stepping import Marcher, State, Step
+from fvswell.physics.tissue import Array
+from fvswell.simulation.column_batch import ColumnBatch
 
 
 @pytest.fixture

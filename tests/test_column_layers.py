@@ -7,8 +7,8 @@ import pytest
 from columns import compression, relaxed, swelling
 
 import fvswell
-from fvswell.equilibrium import equilibrium_volume_ratio
-from fvswell.models import MODELS
+from fvswell.physics.equilibrium import equilibrium_volume_ratio
+from fvswell.physics.models import MODELS
 
 LAYERS = {
     "tissue__fixed_charge_density": {"depth": [0.0, 0.3, 0.5], "value": [1e-4, 3e-4, 2e-4]},

@@ -10,8 +10,8 @@ import xarray as xr
 from columns import compression, swelling
 
 import fvswell
-from fvswell.case import Case, load_case
-from fvswell.tissue import Array
+from fvswell.case.case import Case, load_case
+from fvswell.physics.tissue import Array
 
 SMALL = {"geometry__cells": 20, "time__steps_per_phase": 15}
 

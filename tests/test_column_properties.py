@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 import fvswell
 from fvswell import CaseError, SolverError
-from fvswell.case import Case
-from fvswell.models import MODELS
-from fvswell.solid import SOLIDS
+from fvswell.case.case import Case
+from fvswell.physics.models import MODELS
+from fvswell.physics.solid import SOLIDS
 
 
 def decades(low: float, high: float) -> st.SearchStrategy[float]:

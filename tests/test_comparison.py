@@ -11,9 +11,8 @@ import xarray as xr
 from small_cases import small_compression, small_swelling
 
 import fvswell
-from fvswell.case import MODELS, CaseError
-from fvswell.characteristics import characteristics
-from fvswell.comparison import (
+from fvswell.analysis.characteristics import characteristics
+from fvswell.analysis.comparison import (
     Comparison,
     common_times,
     compare,
@@ -24,6 +23,7 @@ from fvswell.comparison import (
     reference_model,
     with_models,
 )
+from fvswell.case.case import MODELS, CaseError
 
 TIMES = np.array([0.0, 1.0, 2.0, 4.0, 6.0])
 

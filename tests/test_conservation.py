@@ -10,11 +10,11 @@ import xarray as xr
 from columns import compression, march, swelling
 
 import fvswell
-from fvswell.case import Case
-from fvswell.column_batch import ColumnBatch
-from fvswell.models import MODELS
-from fvswell.time_stepping import State, Step
-from fvswell.tissue import Array
+from fvswell.case.case import Case
+from fvswell.numerics.time_stepping import State, Step
+from fvswell.physics.models import MODELS
+from fvswell.physics.tissue import Array
+from fvswell.simulation.column_batch import ColumnBatch
 
 CASES = {
     "compression": compression(geometry__cells=30),

@@ -7,8 +7,8 @@ import pytest
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from fvswell.direct_solver import DirectSolver, nested_dissection
-from fvswell.tissue import Array
+from fvswell.numerics.direct_solver import DirectSolver, nested_dissection
+from fvswell.physics.tissue import Array
 
 
 def lattice_matrix(side: int) -> tuple[sparse.coo_array, Array]:

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tissues import random_tissue, reference_tissue
 
-from fvswell.constants import FARADAY, GAS_CONSTANT
-from fvswell.electrochemistry import (
+from fvswell.physics.constants import FARADAY, GAS_CONSTANT
+from fvswell.physics.electrochemistry import (
     bath_osmotic_pressure,
     electric_potential,
     fixed_charge_density,

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from tissues import REFERENCE_BATH, random_tissue, reference_tissue
 
-from fvswell.equilibrium import (
+from fvswell.physics.equilibrium import (
     equilibrium_volume_ratio,
     isotropic_equilibrium_volume_ratio,
     osmotic_pressure_difference,
 )
-from fvswell.solid import SOLIDS, aggregate_modulus, bulk_modulus, uniaxial_stress
+from fvswell.physics.solid import SOLIDS, aggregate_modulus, bulk_modulus, uniaxial_stress
 
 BATHS = np.array([[1.5e-4, 1e-4, 5e-5]])
 # the numbers below were worked out with R = 8.3145 N mm/(mmol K)

@@ -13,7 +13,7 @@ from scipy.linalg import expm
 from fvswell.exact.confined_compression import creep_fluid_pressure, creep_strain, relaxation_pressure
 from fvswell.exact.mandel import MandelBlock
 from fvswell.exact.unconfined_compression import DiscHistory, UnconfinedDisc
-from fvswell.tissue import Array
+from fvswell.physics.tissue import Array
 
 # ---- confined compression ------------------------------------------------------------------------------
 

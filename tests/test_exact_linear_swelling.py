@@ -7,12 +7,12 @@ import pytest
 from scipy.integrate import solve_ivp
 from tissues import random_tissue, reference_tissue
 
-from fvswell.equilibrium import equilibrium_volume_ratio
 from fvswell.exact.linear_swelling import LinearColumn, salt_outdraws_osmosis
 from fvswell.exact.slab import mean_uptake, profile_uptake, ramp_influx, relaxation_time
-from fvswell.models import BIPHASIC, BIPHASIC_SWELLING, ELECTROCHEMICAL, MODELS, Mixture, Model
-from fvswell.solid import aggregate_modulus
-from fvswell.tissue import Array, Tissue
+from fvswell.physics.equilibrium import equilibrium_volume_ratio
+from fvswell.physics.models import BIPHASIC, BIPHASIC_SWELLING, ELECTROCHEMICAL, MODELS, Mixture, Model
+from fvswell.physics.solid import aggregate_modulus
+from fvswell.physics.tissue import Array, Tissue
 
 OSMOTIC_COEFFICIENT = np.array([[0.93]])
 TIMES = np.array([20.0, 100.0, 400.0, 1e6])

@@ -14,10 +14,10 @@ from small_blocks import small_block
 from small_cases import small_compression
 
 from fvswell.errors import OutputError
-from fvswell.export import export_result
-from fvswell.moved_grid import moved_nodes
-from fvswell.results import read_result
-from fvswell.simulation import run
+from fvswell.results.export import export_result
+from fvswell.results.file import read_result
+from fvswell.results.moved_grid import moved_nodes
+from fvswell.simulation.run import run
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ import pytest
 from columns import NO_HINDRANCE, compression, strain_at, swelling
 
 import fvswell
-from fvswell.case import Case
-from fvswell.tissue import Array
+from fvswell.case.case import Case
+from fvswell.physics.tissue import Array
 
 REFERENCE = Path(__file__).with_name("reference")
 CASES: dict[str, Case] = {

@@ -9,10 +9,10 @@ from small_blocks import small_block
 from small_cases import small_compression
 from typer.testing import CliRunner
 
-from fvswell.case import Case, CaseError
-from fvswell.characteristics import characteristics
-from fvswell.cli import app
-from fvswell.fit import fit, fit_problem
+from fvswell.analysis.characteristics import characteristics
+from fvswell.analysis.fit import fit, fit_problem
+from fvswell.case.case import Case, CaseError
+from fvswell.cli.main import app
 
 
 def gentle_compression(**changes: object) -> Case:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from tissues import random_tissue, reference_tissue
 
-from fvswell.electrochemistry import electric_potential, fluid_fraction, ion_concentrations
-from fvswell.fluxes import ion_flux_parts, mixture_flux_derivatives, mixture_fluxes
-from fvswell.models import ELECTROCHEMICAL, MODELS, Mixture
-from fvswell.permeability import hydraulic_permeability
-from fvswell.tissue import Array, Tissue
+from fvswell.physics.electrochemistry import electric_potential, fluid_fraction, ion_concentrations
+from fvswell.physics.fluxes import ion_flux_parts, mixture_flux_derivatives, mixture_fluxes
+from fvswell.physics.models import ELECTROCHEMICAL, MODELS, Mixture
+from fvswell.physics.permeability import hydraulic_permeability
+from fvswell.physics.tissue import Array, Tissue
 
 ROWS = 60
 

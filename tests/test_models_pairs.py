@@ -8,7 +8,7 @@ import xarray as xr
 from columns import compression, relaxed, swelling
 
 import fvswell
-from fvswell.models import MODELS
+from fvswell.physics.models import MODELS
 
 Results = dict[str, xr.Dataset]
 SWELLING = ("biphasic-swelling", "electrochemical")

@@ -11,11 +11,11 @@ import studies
 from small_blocks import small_block
 from small_cases import CASES, small_compression, small_swelling
 
-from fvswell.case import CaseError, load_case
-from fvswell.case_prediction import mean_tissue
-from fvswell.paper import Claim, PaperResults, claims, paper_results, write_claims
-from fvswell.paper_figures import FIGURES, paper_figures
-from fvswell.study import Study
+from fvswell.case.case import CaseError, load_case
+from fvswell.prediction.case_prediction import mean_tissue
+from fvswell.reporting.paper import Claim, PaperResults, claims, paper_results, write_claims
+from fvswell.reporting.paper_figures import FIGURES, paper_figures
+from fvswell.study.study import Study
 
 
 def small_sweep(**changes: Any) -> Study:

@@ -7,15 +7,15 @@ import pytest
 from scipy.optimize import brentq
 from tissues import random_tissue, reference_tissue
 
-from fvswell.electrochemistry import ion_concentrations
-from fvswell.equilibrium import equilibrium_volume_ratio
-from fvswell.fluxes import mixture_fluxes
-from fvswell.permeability import (
+from fvswell.physics.electrochemistry import ion_concentrations
+from fvswell.physics.equilibrium import equilibrium_volume_ratio
+from fvswell.physics.fluxes import mixture_fluxes
+from fvswell.physics.permeability import (
     hydraulic_permeability,
     open_circuit_permeability,
     open_circuit_permeability_with_ion_volumes,
 )
-from fvswell.tissue import Array, Tissue
+from fvswell.physics.tissue import Array, Tissue
 
 ONE, LOG_BATH = np.ones((1, 1)), np.log(np.full((1, 1), 1.5e-4))
 CATION_VOLUME, ANION_VOLUME = 2.33, 15.17  # mm3/mmol

@@ -12,10 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from small_cases import small_compression
 
-from fvswell.case import MODELS
-from fvswell.comparison import Comparison, compare
+from fvswell.analysis.comparison import Comparison, compare
+from fvswell.case.case import MODELS
 from fvswell.errors import OutputError
-from fvswell.plots import (
+from fvswell.reporting.plots import (
     axis_label,
     chosen_times,
     chosen_variables,

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from tissues import random_tissue, reference_tissue
 
-from fvswell.equilibrium import equilibrium_volume_ratio
 from fvswell.exact.linear_swelling import LinearColumn
-from fvswell.models import BIPHASIC_SWELLING, ELECTROCHEMICAL, Mixture
-from fvswell.predictor import Conditions, Prediction, coefficient_of_determination, predict
-from fvswell.tissue import Array, Tissue
+from fvswell.physics.equilibrium import equilibrium_volume_ratio
+from fvswell.physics.models import BIPHASIC_SWELLING, ELECTROCHEMICAL, Mixture
+from fvswell.physics.tissue import Array, Tissue
+from fvswell.prediction.predictor import Conditions, Prediction, coefficient_of_determination, predict
 
 REST = Conditions(piston_pressure=0.0, bath_concentration=1.5e-4)
 COMPRESSED = Conditions(piston_pressure=0.25, bath_concentration=1.5e-4)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from columns import compression
 
-from fvswell.column_batch import ColumnBatch
-from fvswell.protocol import Drive, Protocol
+from fvswell.numerics.protocol import Drive, Protocol
+from fvswell.simulation.column_batch import ColumnBatch
 
 ROWS = np.arange(2)
 # row 0: a step to 1, then a ramp to 3 over 4 s; row 1: a ramp to 2 over 5 s, then not driven

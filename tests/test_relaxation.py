@@ -7,10 +7,10 @@ import pytest
 from columns import CASES, compression, single_phase
 
 import fvswell
-from fvswell.column_batch import ColumnBatch
 from fvswell.exact.linear_swelling import LinearColumn
-from fvswell.models import BIPHASIC_SWELLING
-from fvswell.relaxation import phase_durations
+from fvswell.physics.models import BIPHASIC_SWELLING
+from fvswell.simulation.column_batch import ColumnBatch
+from fvswell.simulation.relaxation import phase_durations
 
 
 def test_small_step_relaxes_in_the_exact_time() -> None:

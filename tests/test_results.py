@@ -18,11 +18,11 @@ import xarray as xr
 from small_cases import impossible_compression, small_compression
 
 import fvswell
-from fvswell.case import MODELS
+from fvswell.case.case import MODELS
 from fvswell.errors import OutputError, SolverError
-from fvswell.fields import FIELDS, Field
-from fvswell.results import COMPLETE, ResultFile, read_case, read_result
-from fvswell.simulation import Progress, run
+from fvswell.results.fields import FIELDS, Field
+from fvswell.results.file import COMPLETE, ResultFile, read_case, read_result
+from fvswell.simulation.run import Progress, run
 
 COORDINATES = {"x", "x_bounds", "x_node", "time"}
 LOCATION_DIMENSIONS = {
@@ -286,7 +286,7 @@ import sys
 from pathlib import Path
 sys.path.insert(0, {tests!r})
 from small_cases import small_compression
-from fvswell.simulation import run
+from fvswell.simulation.run import run
 run(small_compression(time__steps_per_phase=100000), path=Path({path!r}))
 """
 
@@ -312,7 +312,7 @@ from pathlib import Path
 sys.path.insert(0, {tests!r})
 from small_cases import small_compression
 from fvswell.errors import OutputError
-from fvswell.simulation import run
+from fvswell.simulation.run import run
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
 try:

@@ -9,16 +9,16 @@ import pytest
 import studies
 import xarray as xr
 
-from fvswell.case import CaseError
-from fvswell.console import TextTable
+from fvswell.analysis.prediction_accuracy import assess, known_accuracy, prediction_errors
+from fvswell.analysis.rules import fit_curve, fitted_points, paper_fits
+from fvswell.case.case import CaseError
 from fvswell.errors import OutputError
-from fvswell.prediction_accuracy import assess, known_accuracy, prediction_errors
-from fvswell.predictor import Conditions, kind_of_change
-from fvswell.rules import fit_curve, fitted_points, paper_fits
-from fvswell.rules_report import rules_figure, rules_tables, write_points, write_rules
-from fvswell.study_file import read_study
-from fvswell.study_points import CURVES, StudyPoints, study_points
-from fvswell.study_run import run_study
+from fvswell.prediction.predictor import Conditions, kind_of_change
+from fvswell.reporting.console import TextTable
+from fvswell.reporting.rules_report import rules_figure, rules_tables, write_points, write_rules
+from fvswell.study.file import read_study
+from fvswell.study.points import CURVES, StudyPoints, study_points
+from fvswell.study.run import run_study
 
 IONS = ["tissue.cation_diffusivity", "tissue.anion_diffusivity"]
 DIFFUSIVITY = studies.parameter("ions", IONS, 5e-4, 1e-2, spacing="log")

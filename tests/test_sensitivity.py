@@ -11,12 +11,12 @@ import pytest
 import studies
 from small_cases import small_compression, small_swelling
 
-from fvswell import sensitivity as module
-from fvswell.case import CaseError
+from fvswell.analysis import sensitivity as module
+from fvswell.analysis.sensitivity import ranges_about, read_ranges, sensitivity
+from fvswell.case.case import CaseError
 from fvswell.errors import OutputError
-from fvswell.sensitivity import ranges_about, read_ranges, sensitivity
-from fvswell.sensitivity_report import sensitivity_figure, sensitivity_tables, write_sensitivity
-from fvswell.study import Study
+from fvswell.reporting.sensitivity_report import sensitivity_figure, sensitivity_tables, write_sensitivity
+from fvswell.study.study import Study
 
 SQUARE = studies.parameter("stiffness", "tissue.youngs_modulus", 0.25, 1.0, spacing="log")
 PERMEABILITY = studies.parameter("permeability", "tissue.hydraulic_permeability", 5e-4, 2e-3, spacing="log")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tissues import random_tissue, reference_tissue
 
-from fvswell.solid import (
+from fvswell.physics.solid import (
     SOLIDS,
     aggregate_modulus,
     bulk_modulus,
@@ -15,7 +15,7 @@ from fvswell.solid import (
     uniaxial_stiffness,
     uniaxial_stress,
 )
-from fvswell.tissue import Array, Tissue
+from fvswell.physics.tissue import Array, Tissue
 
 ROWS = 40
 

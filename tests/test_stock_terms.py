@@ -8,8 +8,8 @@ from columns import compression, moved, single_phase
 from test_transport_term import STIFFENING, dense
 
 import fvswell
-from fvswell.models import MODELS
-from fvswell.stock_terms import StockTermsTransport
+from fvswell.column.stock_terms import StockTermsTransport
+from fvswell.physics.models import MODELS
 
 
 @pytest.mark.parametrize(("changes", "seed"), [({}, 1), (STIFFENING, 2)], ids=["reference", "stiffening"])

@@ -7,8 +7,7 @@ import pytest
 import studies
 
 import fvswell
-from fvswell import study_batches
-from fvswell.study_batches import plan, run_batch
+from fvswell.study.batches import plan, run_batch
 
 RANDOM = [
     studies.parameter("stiffness", "tissue.youngs_modulus", "0.15 MPa", "0.8 MPa"),
@@ -120,7 +119,7 @@ def test_a_row_without_a_relaxation_time_is_told():
 
 
 def test_batches_hold_every_possible_run_once(monkeypatch):
-    monkeypatch.setattr(study_batches, "LARGEST_BATCH", 4)
+    monkeypatch.setattr("fvswell.study.batches.LARGEST_BATCH", 4)
     study = random_study(1)
     batches = plan(study)
     assert sorted(run for batch in batches for run in batch.runs) == list(range(10))

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 import studies
 
-from fvswell.study_file import read_study
-from fvswell.study_run import run_study
+from fvswell.study.file import read_study
+from fvswell.study.run import run_study
 
 pytest.importorskip("distributed")
 

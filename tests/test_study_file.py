@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import studies
 
-from fvswell.case import CaseError, load_case
-from fvswell.study import Study, load_study
+from fvswell.case.case import CaseError, load_case
+from fvswell.study.study import Study, load_study
 
 
 def problems(**changes) -> list[str]:

@@ -14,20 +14,20 @@ import pytest
 import studies
 import xarray as xr
 
-from fvswell import study_parts
-from fvswell.case import Case
+from fvswell.case.case import Case
 from fvswell.errors import OutputError
-from fvswell.study import Study
-from fvswell.study_batches import plan
-from fvswell.study_file import read_study
-from fvswell.study_run import run_study
-from fvswell.study_scheduling import SchedulerError
+from fvswell.study import parts
+from fvswell.study.batches import plan
+from fvswell.study.file import read_study
+from fvswell.study.run import run_study
+from fvswell.study.scheduling import SchedulerError
+from fvswell.study.study import Study
 
 SCRIPT = """
 import sys
 from pathlib import Path
-from fvswell.study import load_study
-from fvswell.study_run import run_study
+from fvswell.study.study import load_study
+from fvswell.study.run import run_study
 if __name__ == "__main__":
     run_study(load_study(sys.argv[1]), Path(sys.argv[2]), processes=2)
 """
@@ -145,7 +145,7 @@ def test_a_full_disk_keeps_what_is_finished(study, result, tmp_path, monkeypatch
         savez(file, **arrays)
 
     with monkeypatch.context() as patched:
-        patched.setattr(study_parts.np, "savez", full_after_two)
+        patched.setattr(parts.np, "savez", full_after_two)
         with pytest.raises(OutputError, match="No space left on device"):
             run_study(study, path, processes=1)
     assert not path.exists()
@@ -218,8 +218,8 @@ def test_only_results_of_studies_are_read(tmp_path):
 
 
 def test_a_scheduler_that_is_not_there_is_told(study, tmp_path, monkeypatch):
-    from fvswell import study_scheduling
+    from fvswell.study import scheduling
 
-    monkeypatch.setattr(study_scheduling, "_PATIENCE", 0.5)
+    monkeypatch.setattr(scheduling, "_PATIENCE", 0.5)
     with pytest.raises(SchedulerError, match="no Dask scheduler answers"):
         run_study(study, tmp_path / "study.nc", scheduler="tcp://127.0.0.1:9")

@@ -10,10 +10,10 @@ import pytest
 from columns import compression, march, single_phase, strain_at
 
 import fvswell
-from fvswell.protocol import Drive, Protocol
-from fvswell.system import LoadValues, Solution, Stage
-from fvswell.time_stepping import BACKWARD_EULER, SDIRK2, Marcher, Scheme, State, Step, StepControl
-from fvswell.tissue import Array
+from fvswell.numerics.protocol import Drive, Protocol
+from fvswell.numerics.system import LoadValues, Solution, Stage
+from fvswell.numerics.time_stepping import BACKWARD_EULER, SDIRK2, Marcher, Scheme, State, Step, StepControl
+from fvswell.physics.tissue import Array
 
 RATE = np.array([0.3, 2.0])  # of two rows, 1/s
 

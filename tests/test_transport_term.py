@@ -10,14 +10,14 @@ import pytest
 from columns import compression, moved, single_phase, stage_of
 
 import fvswell
-import fvswell.grid
-from fvswell.column_batch import ColumnBatch
-from fvswell.grid import column_grid
-from fvswell.linearisation import band_storage, cell_blocks
-from fvswell.models import MODELS
-from fvswell.newton import ColumnSystem
-from fvswell.tissue import Array
-from fvswell.transport_term import CoupledTransportTerm, Interval
+import fvswell.column.grid
+from fvswell.column.grid import column_grid
+from fvswell.column.linearisation import band_storage, cell_blocks
+from fvswell.column.newton import ColumnSystem
+from fvswell.column.transport_term import CoupledTransportTerm, Interval
+from fvswell.physics.models import MODELS
+from fvswell.physics.tissue import Array
+from fvswell.simulation.column_batch import ColumnBatch
 
 STIFFENING = {
     "tissue.solid": "holmes-mow", "tissue.stiffening_coefficient": 0.7, "tissue.permeability_exponent": 2.0,
@@ -54,7 +54,7 @@ def test_another_order_of_fipys_faces_is_refused(monkeypatch: pytest.MonkeyPatch
         mesh = fipy.Grid1D(dx=dx)
         return SimpleNamespace(_adjacentCellIDs=tuple(ids[::-1] for ids in mesh._adjacentCellIDs))
 
-    monkeypatch.setattr(fvswell.grid, "Grid1D", reordered)
+    monkeypatch.setattr(fvswell.column.grid, "Grid1D", reordered)
     with pytest.raises(RuntimeError, match="orders the faces of a Grid1D differently"):
         column_grid(0.5, 5, 2.0)
 

@@ -169,7 +169,7 @@ def test_vanishing_number_does_not_fill_the_memory():
 
 def test_numbers_need_no_pint():
     code = (
-        "import sys, fvswell.case, fvswell.units as units; units.parse(1.0, 'length');"
+        "import sys, fvswell.case.case, fvswell.units as units; units.parse(1.0, 'length');"
         "assert 'pint' not in sys.modules; units.parse('1 m', 'length'); assert 'pint' in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fvswell.tissue import Tissue
+from fvswell.physics.tissue import Tissue
 
 REFERENCE = {
     "youngs_modulus": 0.5,

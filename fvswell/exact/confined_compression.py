@@ -7,7 +7,7 @@ filter; the piston at x = h is impermeable. Arguments are numbers or arrays that
 from __future__ import annotations
 
 from fvswell.exact.slab import mean_uptake, profile_uptake, ramp_influx
-from fvswell.tissue import Array
+from fvswell.physics.tissue import Array
 
 __all__ = ["creep_fluid_pressure", "creep_strain", "relaxation_pressure"]
 

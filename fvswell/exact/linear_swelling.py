@@ -18,19 +18,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fvswell.electrochemistry import (
+from fvswell.exact.slab import mean_uptake, profile_uptake, relaxation_time
+from fvswell.physics.electrochemistry import (
     bath_osmotic_pressure,
     fixed_charge_density,
     fluid_fraction,
     ion_concentrations,
     osmotic_pressure,
 )
-from fvswell.equilibrium import equilibrium_volume_ratio
-from fvswell.exact.slab import mean_uptake, profile_uptake, relaxation_time
-from fvswell.models import Mixture
-from fvswell.permeability import open_circuit_permeability
-from fvswell.solid import uniaxial_stress
-from fvswell.tissue import Array
+from fvswell.physics.equilibrium import equilibrium_volume_ratio
+from fvswell.physics.models import Mixture
+from fvswell.physics.permeability import open_circuit_permeability
+from fvswell.physics.solid import uniaxial_stress
+from fvswell.physics.tissue import Array
 
 __all__ = ["ColumnChange", "LinearColumn", "salt_outdraws_osmosis"]
 

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from fvswell.exact.roots import roots_between, terms_from
-from fvswell.tissue import Array
+from fvswell.physics.tissue import Array
 
 __all__ = ["MandelBlock"]
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import elementwise
 
-from fvswell.tissue import Array
+from fvswell.physics.tissue import Array
 
 __all__ = ["EARLIEST_TIME", "roots_between", "terms_from"]
 

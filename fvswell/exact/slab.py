@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import erfc
 
-from fvswell.tissue import Array
+from fvswell.physics.tissue import Array
 
 __all__ = ["mean_uptake", "profile_uptake", "ramp_influx", "relaxation_time"]
 

@@ -35,7 +35,7 @@ import numpy as np
 from scipy.special import j0, j1, jn_zeros
 
 from fvswell.exact.roots import EARLIEST_TIME, roots_between, terms_from
-from fvswell.tissue import Array
+from fvswell.physics.tissue import Array
 
 __all__ = ["DiscHistory", "UnconfinedDisc"]
 

@@ -1,0 +1,1 @@
+"""What runs and studies tell: comparison, fit, characteristic numbers, rules, advice, sensitivity."""

@@ -1,0 +1,175 @@
+"""Whether the biphasic-swelling model will do for a case: predicted at once, without running either model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from fvswell.analysis.characteristics import Characteristics, characteristics
+from fvswell.analysis.prediction_accuracy import Accuracy, known_accuracy
+from fvswell.case.case import Case, CaseError
+from fvswell.exact.linear_swelling import salt_outdraws_osmosis
+from fvswell.physics.equilibrium import equilibrium_volume_ratio
+from fvswell.physics.models import BIPHASIC_SWELLING, ELECTROCHEMICAL, Mixture
+from fvswell.physics.tissue import Array
+from fvswell.prediction.case_prediction import (
+    bath_osmotic_coefficients,
+    conditions_of,
+    is_uniform,
+    mean_tissue,
+    predict_cases,
+    unpredictable,
+)
+from fvswell.prediction.predictor import Prediction, kind_of_change
+from fvswell.study.points import CURVES
+
+__all__ = ["ADEQUATE", "GOOD", "Advice", "PhaseAdvice", "advise"]
+
+GOOD = 0.99  # R^2 from which the reduced model is taken to be as good
+ADEQUATE = 0.9  # from which it follows the course of the strain
+
+
+@dataclass(frozen=True)
+class PhaseAdvice:
+    """What is predicted of a phase; strains relative to the sample equilibrated in the first bath."""
+
+    name: str
+    change: str  # of load or bath, one of fvswell.study.points.CURVES; "" where both or neither change
+    duration: float  # s
+    equilibrium_strain: float  # that both models come to
+    r_squared: float  # of the biphasic-swelling by the electrochemical model
+    r_squared_range: tuple[float, float]  # in which nine of ten simulated ones lie around such a prediction
+    largest_difference: float  # of the strains, biphasic-swelling less electrochemical
+    largest_share: float  # the same over the phase's change of strain from rest to rest, in magnitude
+    time_of_largest: float  # s since the phase began
+    consolidation_time: float  # h^2 over the larger diffusivity of volume and salt together, s
+    diffusion_time: float  # h^2 over the smaller one, s
+    flows_backward_first: bool  # negative osmosis: water first flows against the phase's change of volume
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What to expect of a case, and which model to use."""
+
+    characteristics: Characteristics
+    phases: tuple[PhaseAdvice, ...]  # none where the case cannot be predicted
+    unpredictable: str  # why it cannot, or ""
+    uniform: bool  # else mean properties stand for a tissue that varies
+    salt_outdraws_osmosis: bool  # whether salt moves water toward the weaker solution, in the first state of rest
+    accuracy_source: str
+    model: str  # recommended
+    reason: str
+
+
+def advise(case: Case) -> Advice:
+    """Predict how well the biphasic-swelling model stands in for the electrochemical one.
+
+    Raises
+    ------
+    CaseError
+        If the case is not of a column.
+    """
+    problems = unpredictable(case)
+    if case.geometry.kind != "column":
+        raise CaseError(problems, case.source)
+    accuracy = known_accuracy()
+    if problems:
+        phases: tuple[PhaseAdvice, ...] = ()
+        model = ELECTROCHEMICAL.name
+        reason = "how far biphasic-swelling is from it cannot be predicted here: fvswell compare runs both"
+    else:
+        phases = _phases(case, predict_cases([case]), accuracy)
+        model, reason = _recommendation(phases)
+    return Advice(
+        characteristics=characteristics(case),
+        phases=phases,
+        unpredictable="; ".join(map(str, problems)),
+        uniform=is_uniform(case),
+        salt_outdraws_osmosis=bool(salt_outdraws_osmosis(*_first_rest(case)).item()),
+        accuracy_source=accuracy.source,
+        model=model,
+        reason=reason,
+    )
+
+
+def _phases(case: Case, prediction: Prediction, accuracy: Accuracy) -> tuple[PhaseAdvice, ...]:
+    changes = pairwise(conditions_of([case]))
+    kinds = [kind_of_change(*change).item() for change in changes]
+    rest = prediction.equilibrium_strain[0]
+    before = np.append(0.0, rest[:-1])
+    height = case.geometry.height * _initial_stretch(case)
+    advice = []
+    for p, (phase, kind) in enumerate(zip(case.phase, kinds, strict=True)):
+        r_squared = float(prediction.r_squared[0, p])
+        change = float(rest[p] - before[p])
+        expected = accuracy.expected(CURVES[kind] if kind >= 0 else None, change / (1.0 + float(before[p])))
+        factor = expected.ninth_decile_factor
+        largest = float(prediction.largest_difference[0, p])
+        fast, slow = np.sort(np.abs(prediction.diffusivities[0, p]))[::-1]
+        advice.append(
+            PhaseAdvice(
+                name=phase.name,
+                change=CURVES[kind] if kind >= 0 else "",
+                duration=float(prediction.phase_duration[0, p]),
+                equilibrium_strain=float(rest[p]),
+                r_squared=r_squared,
+                r_squared_range=(1.0 - (1.0 - r_squared) * factor, 1.0 - (1.0 - r_squared) / factor),
+                largest_difference=largest,
+                largest_share=abs(largest / change) if change else np.nan,
+                time_of_largest=float(prediction.time_of_largest_difference[0, p]),
+                consolidation_time=float(height**2 / fast),
+                diffusion_time=float(height**2 / slow),
+                flows_backward_first=bool(prediction.flows_backward_first[0, p]),
+            )
+        )
+    return tuple(advice)
+
+
+def _first_rest(case: Case) -> tuple[Mixture, Array, Array]:
+    """The tissue, by its mean properties, and J and ln c~ at rest in the first bath."""
+    tissue, bath = mean_tissue([case]), bath_osmotic_coefficients([case])
+    J = equilibrium_volume_ratio(tissue, 0.0, case.bath.concentration, bath, swelling=True)
+    return Mixture(ELECTROCHEMICAL, tissue, bath), J, np.log(case.bath.concentration) + np.zeros_like(J)
+
+
+def _initial_stretch(case: Case) -> float:
+    return float(_first_rest(case)[1].item())
+
+
+def _recommendation(phases: Sequence[PhaseAdvice]) -> tuple[str, str]:
+    """Which model to use, and why."""
+    judged = [phase for phase in phases if not np.isnan(phase.r_squared)]
+    if not judged:
+        return BIPHASIC_SWELLING.name, "nothing changes in any phase, so the models agree"
+    worst = min(judged, key=lambda phase: phase.r_squared_range[0])
+    backward = [phase.name for phase in judged if phase.flows_backward_first]
+    error = f"largest error {100.0 * worst.largest_share:.2g} % of the strain"
+    told = f"{worst.name}: R^2 about {worst.r_squared:.3g}, {error}"
+    if worst.r_squared_range[0] >= GOOD:
+        return BIPHASIC_SWELLING.name, f"it follows the full model closely even where it is worst ({told})"
+    if worst.r_squared_range[0] >= ADEQUATE:
+        return BIPHASIC_SWELLING.name, (
+            f"it follows the course of the strain, with visible errors after each change ({told}); use electrochemical "
+            "where these or the ions matter"
+        )
+    return ELECTROCHEMICAL.name, "; ".join(
+        [f"the biphasic-swelling model may fail ({told})", _cause(worst), *_backward(backward)]
+    )
+
+
+def _cause(phase: PhaseAdvice) -> str:
+    times = f"in about {phase.diffusion_time:.3g} s, while the tissue consolidates in {phase.consolidation_time:.3g} s"
+    if phase.change == "swelling":
+        return f"it lets the salt follow the bath at once, but salt diffuses {times}"
+    return (
+        f"it keeps the ions in equilibrium with the bath, but salt that the water carries along diffuses back {times}"
+    )
+
+
+def _backward(phases: Sequence[str]) -> list[str]:
+    if not phases:
+        return []
+    return [f"the first flow goes against the final change in {', '.join(phases)}, which only it can show"]

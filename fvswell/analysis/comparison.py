@@ -1,0 +1,323 @@
+"""Models of one case beside each other: how far the simpler ones are from the fullest one.
+
+In each phase histories are compared: of a column the global strain, of a block the displacement of its probe along
+the axis on which it moves most. Where the displacement of the piston or of an edge is prescribed they are the same by
+definition, and those of its pressure are compared instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from scipy.interpolate import PchipInterpolator
+
+from fvswell.case.block_schema import EDGES
+from fvswell.case.case import MODELS, BlockCase, Case, CaseError
+from fvswell.case.errors import Problem
+from fvswell.case.schema import STEPS_PER_PHASE
+from fvswell.physics.tissue import Array
+from fvswell.prediction.predictor import coefficient_of_determination
+from fvswell.results.moved_grid import AXES, is_block
+from fvswell.simulation.relaxation import phase_durations
+from fvswell.simulation.run import run
+
+if TYPE_CHECKING:
+    from fvswell.case.block_schema import BlockPhase
+
+__all__ = [
+    "BlockDifference",
+    "ColumnDifference",
+    "Comparison",
+    "Difference",
+    "common_times",
+    "compare",
+    "compare_results",
+    "compared_quantities",
+    "history_at",
+    "local_strain",
+    "phase_histories",
+    "profile_at",
+    "reference_model",
+    "with_models",
+]
+
+_SAME_TIME = 1e-9  # of the end of the phase
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A model less the reference in one phase."""
+
+    phase: str
+    model: str
+    quantity: str  # that the histories are of, in the unit that `fvswell.results.fields` tells
+    r_squared: float  # 1 - sum of squared differences/sum of squares of the reference about its mean
+    largest: float  # of the quantity, with its sign
+    time: float  # of the largest, s since the run began
+    time_in_phase: float  # the same since the phase began
+    local_strain: float  # largest in magnitude at that time, with its sign
+    local_strain_ratio: float  # over the reference's local strain there, in magnitude
+
+
+@dataclass(frozen=True)
+class ColumnDifference(Difference):
+    """A model of a column less the reference in one phase."""
+
+    depth: float  # of the largest local one, mm from the filter in the stress-free solid
+    equilibrium_strain: float  # of the model at rest under the loads that the phase ends with
+    reference_equilibrium_strain: float
+
+
+@dataclass(frozen=True)
+class BlockDifference(Difference):
+    """A model of a block less the reference in one phase."""
+
+    x: float  # of the largest local one, mm in the stress-free solid
+    y: float
+    final: float  # the quantity of the model at the end of the phase
+    reference_final: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Results of several models of a case, and their differences from one of them."""
+
+    reference: str
+    results: dict[str, xr.Dataset]
+    differences: tuple[Difference, ...]
+
+    @property
+    def quantity(self) -> str:
+        """What the histories of the first phase are of."""
+        return self.differences[0].quantity
+
+    @property
+    def phases(self) -> tuple[str, ...]:
+        """Names of the phases."""
+        return tuple(dict.fromkeys(difference.phase for difference in self.differences))
+
+    def of_phase(self, phase: str) -> tuple[Difference, ...]:
+        """Differences of all models in a phase."""
+        return tuple(difference for difference in self.differences if difference.phase == phase)
+
+    def gap(self, model: str) -> tuple[Array, Array]:
+        """Times, s, and how far the ``quantity`` of a model is above the reference's."""
+        ends = self.results[self.reference]["phase_end"].values
+        times, gaps = [np.zeros(1)], [np.zeros(1)]
+        for start, end in pairwise([0.0, *ends]):
+            at, histories = phase_histories(self.results, self.quantity, start, end)
+            times.append(at)
+            gaps.append(histories[model] - histories[self.reference])
+        return np.concatenate(times), np.concatenate(gaps)
+
+    def table(self) -> list[dict[str, Any]]:
+        """One row for each phase and model."""
+        return [asdict(difference) | {"reference": self.reference} for difference in self.differences]
+
+    def write_csv(self, path: Path) -> None:
+        """Write the table as text with commas, in internal units."""
+        rows = self.table()
+        lines = [",".join(rows[0]), *(",".join(f"{value}" for value in row.values()) for row in rows)]
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def compare(case: Case, models: Sequence[str] = MODELS) -> Comparison:
+    """Run models of a case and compare them with the fullest.
+
+    Parameters
+    ----------
+    case
+        What to simulate; its own model does not matter.
+    models
+        Names of two or more models. The reference is the fullest: electrochemical, else biphasic-swelling.
+
+    Raises
+    ------
+    CaseError
+        If a model is unknown, or the case cannot be run with it.
+    SolverError
+        If a run had to stop.
+    """
+    cases = with_models(case, models)
+    durations = phase_durations([case])[0]
+    return compare_results({model: run(each, durations=durations) for model, each in cases.items()})
+
+
+def with_models(case: Case, models: Sequence[str]) -> dict[str, Case]:
+    """The case with each of two or more models, by name.
+
+    Raises
+    ------
+    CaseError
+        If there are fewer than two different models, with all that is wrong with any of them.
+    """
+    cases, problems = {}, []
+    for model in dict.fromkeys(models):
+        try:
+            cases[model] = case.with_changes({"model": model})
+        except CaseError as error:
+            problems += [each for each in error.problems if each not in problems]
+    if not problems and len(cases) < 2:
+        message = f"must be two or more of {', '.join(MODELS)}"
+        problems = [Problem("models", ", ".join(models), message)]
+    if problems:
+        raise CaseError(problems, case.source)
+    return cases
+
+
+def reference_model(models: Sequence[str]) -> str:
+    """The fullest of some models."""
+    return max(models, key=MODELS.index)
+
+
+def compare_results(results: Mapping[str, xr.Dataset]) -> Comparison:
+    """Compare results of one case, by model; each must have run to its end."""
+    reference = reference_model(list(results))
+    base = results[reference]
+    case = Case.from_toml(base.attrs["case_toml"])
+    spans = pairwise([0.0, *base["phase_end"].values])
+    quantities = compared_quantities(case, base)
+    differences: list[Difference] = []
+    for index, (phase, quantity, (start, end)) in enumerate(zip(case.phase, quantities, spans, strict=True)):
+        at, histories = phase_histories(results, quantity, start, end)
+        for model in results:
+            if model == reference:
+                continue
+            own, data = histories[model], histories[reference]
+            farthest = int(np.argmax(np.abs(own - data)))
+            time = float(at[farthest])
+            cell, local = _local_difference(results[model], base, time)
+            common: dict[str, Any] = {
+                "phase": phase.name,
+                "model": model,
+                "quantity": quantity,
+                "r_squared": float(coefficient_of_determination(data, own)),
+                "largest": float(own[farthest] - data[farthest]),
+                "time": time,
+                "time_in_phase": time - start,
+                **local,
+            }
+            if is_block(base):
+                place: dict[str, Any] = {axis: float(base[f"face_{axis}"][cell]) for axis in AXES}
+                ends: dict[str, Any] = {"final": float(own[-1]), "reference_final": float(data[-1])}
+                differences.append(BlockDifference(**common, **place, **ends))
+            else:
+                rest: dict[str, Any] = {
+                    "equilibrium_strain": float(results[model]["equilibrium_strain"][index]),
+                    "reference_equilibrium_strain": float(base["equilibrium_strain"][index]),
+                }
+                differences.append(ColumnDifference(**common, depth=float(base["x"][cell]), **rest))
+    return Comparison(reference, dict(results), tuple(differences))
+
+
+def compared_quantities(case: Case, result: xr.Dataset) -> list[str]:
+    """Name of the history that models are compared by in each phase.
+
+    Parameters
+    ----------
+    case
+        That was run.
+    result
+        Of the reference.
+    """
+    if not isinstance(case, BlockCase):
+        return ["global_strain" if phase.piston_displacement is None else "applied_pressure" for phase in case.phase]
+    names = [f"probe_displacement_{axis}" for axis in AXES]
+    probe = max(names, key=lambda name: float(np.ptp(result[name].values)))
+    quantities, moved_edge = [], None
+    for phase in case.phase:
+        moved_edge = _moved_edge(phase, moved_edge)
+        quantities.append(probe if moved_edge is None else f"{moved_edge}_pressure")
+    return quantities
+
+
+def _moved_edge(phase: BlockPhase, before: str | None) -> str | None:
+    """The edge whose displacement is prescribed in a phase, if any; one that is not named goes on."""
+    for edge in EDGES:
+        load = getattr(phase, edge)
+        if load is not None and load.displacement is not None:
+            return edge
+        if load is not None and edge == before:
+            return None
+    return before
+
+
+def phase_histories(
+    results: Mapping[str, xr.Dataset], quantity: str, start: float, end: float
+) -> tuple[Array, dict[str, Array]]:
+    """Common times in a phase and the history of a quantity there in each result."""
+    times = {name: result["time"].values for name, result in results.items()}
+    at = common_times(list(times.values()), start, end)
+    return at, {name: history_at(times[name], result[quantity].values, start, at) for name, result in results.items()}
+
+
+def _local_difference(result: xr.Dataset, base: xr.Dataset, time: float) -> tuple[int, dict[str, float]]:
+    """Cell with the largest difference of the local strain at a time, and that by the names of `Difference`."""
+    own, reference = (profile_at(r["time"].values, local_strain(r), time) for r in (result, base))
+    cell = int(np.argmax(np.abs(own - reference)))
+    gap, whole = float(own[cell] - reference[cell]), float(reference[cell])
+    return cell, {"local_strain": gap, "local_strain_ratio": abs(gap / whole) if whole else np.nan}
+
+
+def common_times(times: Sequence[Array], start: float, end: float) -> Array:
+    """Times in a phase at which histories are compared.
+
+    The output times after ``start`` up to ``end``, s, if they are the same in all of ``times``; otherwise the
+    ends of 50 equal steps.
+    """
+    slack = _SAME_TIME * end
+    within = [each[(each > start + slack) & (each <= end + slack)] for each in times]
+    first = within[0]
+    if first.size and all(
+        each.shape == first.shape and np.allclose(each, first, rtol=0.0, atol=slack) for each in within
+    ):
+        return first
+    return start + (end - start) * np.arange(1, STEPS_PER_PHASE + 1) / STEPS_PER_PHASE
+
+
+def history_at(time: Array, values: Array, start: float, at: Array) -> Array:
+    """A history at given times of a phase; nan beyond its ends.
+
+    Between its own times it is interpolated, by a monotone cubic over the square root of the time since the
+    phase began: what follows a jump is about linear in that root.
+
+    Parameters
+    ----------
+    time, values
+        The history, shape ``(times,)``, s.
+    start
+        When the phase began, s.
+    at
+        Times wanted, s, none before ``start``.
+    """
+    slack = _SAME_TIME * float(np.max(at))
+    nearest = np.abs(time[:, None] - at).argmin(axis=0)
+    if np.all(np.abs(time[nearest] - at) <= slack):
+        return values[nearest]
+    own = (time >= start - slack) & (time <= at.max() + slack)
+    if own.sum() < 2:
+        return np.full(at.shape, np.nan)
+    root, last = np.sqrt(np.maximum(time[own] - start, 0.0)), time[own][-1]
+    inside = PchipInterpolator(root, values[own])(np.sqrt(np.minimum(at, last) - start))
+    return np.where(at <= last + slack, inside, np.nan)
+
+
+def local_strain(result: xr.Dataset) -> Array:
+    """Strain of each cell from the equilibrated sample, ``(times, cells)``."""
+    J = result["volume_ratio"].values
+    return J / J[0] - 1.0
+
+
+def profile_at(time: Array, values: Array, at: float) -> Array:
+    """A profile at a time, linear between the outputs, nan beyond them; ``values`` is ``(times, points)``."""
+    if at > time[-1] * (1.0 + _SAME_TIME):
+        return np.full(values.shape[1], np.nan)
+    upper = int(np.clip(np.searchsorted(time, at), 1, len(time) - 1))
+    share = np.clip((at - time[upper - 1]) / (time[upper] - time[upper - 1]), 0.0, 1.0)
+    return values[upper - 1] + share * (values[upper] - values[upper - 1])

@@ -1,0 +1,299 @@
+"""The biphasic-swelling model fitted to a fuller one: which value of a property makes it follow best.
+
+In two dimensions currents close inside the tissue, so that no formula gives the permeability with which the
+biphasic-swelling model does best; Wilson et al. (2005) fit it. Here a bounded minimiser in one variable looks for it,
+over the logarithm of the property.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+import tomllib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from scipy.optimize import minimize_scalar
+
+from fvswell.analysis.comparison import compared_quantities, phase_histories
+from fvswell.case.case import Case, CaseError
+from fvswell.case.errors import Problem, nearest_name
+from fvswell.case.reading import value_type
+from fvswell.case.values import Quantity
+from fvswell.errors import SolverError
+from fvswell.prediction.predictor import coefficient_of_determination
+from fvswell.simulation.run import Progress, run
+
+__all__ = ["FITTED_MODEL", "PAPER_REDUCTION", "Fit", "FitProblem", "Trial", "fit", "fit_problem", "run_fit"]
+
+FITTED_MODEL = "biphasic-swelling"
+PAPER_REDUCTION = 0.1196  # of the tissue's permeability, by the fit of Wilson et al. (2005) to their block
+_REFERENCE_MODELS = ("electrochemical",)
+_FACTOR = 4.0  # of the case's value, down and up: where to look unless told
+_RESOLUTION = 1e-3  # of the value
+_AT_LIMIT = 5.0 * _RESOLUTION
+
+
+@dataclass(frozen=True)
+class FitProblem:
+    """What is fitted to what; made by `fit_problem`, which checks it."""
+
+    case: Case  # cut off after the last phase that counts
+    parameter: str
+    reference: str
+    phases: tuple[str, ...]
+    limits: tuple[float, float]
+
+    @property
+    def present(self) -> float:
+        """The case's value."""
+        return float(getattr(self.case.tissue, self.parameter))
+
+    def fitted_case(self, value: float) -> Case:
+        """The case of the fitted model with a value of the property."""
+        changes = {"model": FITTED_MODEL, "open_circuit_permeability": "none", f"tissue.{self.parameter}": value}
+        return self.case.with_changes(changes)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A run of the fitted model."""
+
+    run: int  # from 1 on
+    value: float
+    squares: float  # sum over all phases that count, each relative to the reference's about its mean
+    r_squared: tuple[float, ...]  # of each of these phases
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The best value, and how much better it is."""
+
+    problem: FitProblem
+    quantities: tuple[str, ...]  # that the histories are of, by phase
+    trials: tuple[Trial, ...]  # in order; the first has the case's value
+    seconds: float
+    reference_result: xr.Dataset
+    unfitted_result: xr.Dataset  # with the case's value
+    fitted_result: xr.Dataset
+
+    @property
+    def before(self) -> Trial:
+        """With the case's value."""
+        return self.trials[0]
+
+    @property
+    def best(self) -> Trial:
+        """With the best value."""
+        return min(self.trials, key=lambda trial: trial.squares)
+
+    @property
+    def ratio(self) -> float:
+        """Best value over the case's."""
+        return self.best.value / self.problem.present
+
+    @property
+    def at_limit(self) -> bool:
+        """Whether the best value lies at an end of where was looked, so that a better one may lie beyond."""
+        return any(abs(math.log(self.best.value / limit)) < _AT_LIMIT for limit in self.problem.limits)
+
+    def write_csv(self, path: Path) -> None:
+        """Write the trials as text with commas, in internal units."""
+        names = ["run", self.problem.parameter, *(f"r_squared {phase}" for phase in self.problem.phases)]
+        rows = [(trial.run, trial.value, *trial.r_squared) for trial in self.trials]
+        lines = [",".join(names), *(",".join(f"{value}" for value in row) for row in rows)]
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def fit(
+    case: Case,
+    parameter: str = "hydraulic_permeability",
+    reference: str = "electrochemical",
+    phases: Sequence[str] | None = None,
+    limits: tuple[float | str, float | str] | None = None,
+) -> Fit:
+    """Fit the biphasic-swelling model to a fuller one by a property of its tissue.
+
+    Parameters
+    ----------
+    case
+        Of a column or a block. The fitted model uses the property as it is, without open-circuit correction.
+    parameter
+        A property that is one number, such as "hydraulic_permeability".
+    reference
+        The model to follow.
+    phases
+        Names of those that count; the first without it. Later ones are not run.
+    limits
+        Least and largest value to look at, numbers in internal units or quantities; without them a quarter of the
+        case's value and four times it.
+
+    Returns
+    -------
+    Fit
+        The trials, the best of them and the results of both models.
+
+    Raises
+    ------
+    CaseError
+        If the parameter, a phase, a limit or the case does not do.
+    SolverError
+        If a run had to stop.
+    """
+    return run_fit(fit_problem(case, parameter, reference, phases, limits))
+
+
+def fit_problem(
+    case: Case,
+    parameter: str,
+    reference: str,
+    phases: Sequence[str] | None = None,
+    limits: Sequence[float | str] | None = None,
+) -> FitProblem:
+    """Check what `fit` is asked for; same parameters and errors."""
+    problems = []
+    if reference not in _REFERENCE_MODELS:
+        allowed = " or ".join(_REFERENCE_MODELS)
+        problems.append(Problem("against", reference, f"must be a fuller model than {FITTED_MODEL}: {allowed}"))
+    names = [phase.name for phase in case.phase]
+    chosen = names[:1] if phases is None else list(dict.fromkeys(phases))
+    for name in chosen:
+        if name not in names:
+            near = nearest_name(name, names)
+            problems.append(
+                Problem("phases", name, f"did you mean {near}?" if near else f"must be of {', '.join(names)}")
+            )
+    within, found = _limits(case, parameter, limits)
+    problems += found
+    if problems:
+        raise CaseError(problems, case.source)
+    last = max(names.index(name) for name in chosen)
+    problem = FitProblem(_until(case, last), parameter, reference, tuple(chosen), within)
+    for value in within:
+        problem.fitted_case(value)
+    return problem
+
+
+def run_fit(
+    problem: FitProblem,
+    reference_path: Path | None = None,
+    fitted_path: Path | None = None,
+    replace: bool = False,
+    report: Callable[[Progress], None] | None = None,
+    tell: Callable[[Trial], None] | None = None,
+) -> Fit:
+    """Run the reference once, and the fitted model until the best value is found.
+
+    Parameters
+    ----------
+    problem
+        Checked.
+    reference_path, fitted_path
+        Files for the results of the reference and of the best trial; without them they are in memory only.
+    replace
+        Whether these may be replaced.
+    report
+        Called after every step of the reference.
+    tell
+        Called after every trial.
+
+    Raises
+    ------
+    SolverError
+        If a run had to stop.
+    """
+    began = time.perf_counter()
+    reference = run(problem.case, problem.reference, path=reference_path, replace=replace, report=report)
+    ends = np.concatenate([[0.0], reference["phase_end"].values])
+    spans = dict(zip([phase.name for phase in problem.case.phase], pairwise(ends), strict=True))
+    quantities = compared_quantities(problem.case, reference)
+    compared = dict(zip(spans, quantities, strict=True))
+    trials: list[Trial] = []
+
+    def attempt(value: float) -> xr.Dataset:
+        case = problem.fitted_case(value)
+        try:
+            result = run(case, durations=np.diff(ends).tolist())
+        except SolverError as error:
+            raise SolverError(f"with {problem.parameter} = {value:.6g}: {error}", error.result) from None
+        r_squared = []
+        for phase in problem.phases:
+            _, histories = phase_histories({"own": result, "data": reference}, compared[phase], *spans[phase])
+            r_squared.append(float(coefficient_of_determination(histories["data"], histories["own"])))
+        trials.append(Trial(len(trials) + 1, value, sum(1.0 - each for each in r_squared), tuple(r_squared)))
+        if tell is not None:
+            tell(trials[-1])
+        return result
+
+    def squares(logarithm: float) -> float:
+        attempt(math.exp(logarithm))
+        return trials[-1].squares
+
+    unfitted = attempt(problem.present)
+    low, high = (math.log(limit) for limit in problem.limits)
+    minimize_scalar(squares, bounds=(low, high), method="bounded", options={"xatol": _RESOLUTION})
+    best = min(trials, key=lambda trial: trial.squares)
+    fitted = run(problem.fitted_case(best.value), path=fitted_path, replace=replace, durations=np.diff(ends).tolist())
+    return Fit(
+        problem=problem,
+        quantities=tuple(compared[phase] for phase in problem.phases),
+        trials=tuple(trials),
+        seconds=time.perf_counter() - began,
+        reference_result=reference,
+        unfitted_result=unfitted,
+        fitted_result=fitted,
+    )
+
+
+def _limits(
+    case: Case, parameter: str, limits: Sequence[float | str] | None
+) -> tuple[tuple[float, float], list[Problem]]:
+    """Where to look, and what is wrong with it and with the parameter."""
+    nowhere = (math.nan, math.nan)
+    known = [key for key, field in type(case.tissue).model_fields.items() if isinstance(value_type(field), Quantity)]
+    if parameter not in known:
+        near = nearest_name(parameter, known)
+        message = f"did you mean {near}?" if near else f"must be of {', '.join(known)}"
+        return nowhere, [Problem("parameter", parameter, message)]
+    present = getattr(case.tissue, parameter)
+    if not isinstance(present, float) or not present > 0.0:
+        return nowhere, [Problem("parameter", parameter, "must be given in the case, as one number above 0")]
+    if limits is None:
+        return (present / _FACTOR, present * _FACTOR), []
+    if len(limits) != 2:
+        return nowhere, [Problem("between", ", ".join(map(str, limits)), "must be two values")]
+    reader = value_type(type(case.tissue).model_fields[parameter])
+    assert isinstance(reader, Quantity)
+    values, problems = [], []
+    for limit in limits:
+        try:
+            values.append(reader.number(_plain_number(limit)))
+        except ValueError as error:
+            problems.append(Problem("between", str(limit), str(error)))
+    if not problems and not 0.0 < values[0] < values[1]:
+        problems.append(Problem("between", f"{values[0]:g}, {values[1]:g}", "must be above 0 and increase"))
+    return (nowhere, problems) if problems else ((values[0], values[1]), [])
+
+
+def _plain_number(limit: float | str) -> float | str:
+    """Text without a unit is in internal units."""
+    try:
+        return float(limit)
+    except ValueError:
+        return limit
+
+
+def _until(case: Case, last: int) -> Case:
+    """The case without what comes after a phase."""
+    content = tomllib.loads(case.to_toml())
+    kept = content["phase"][: last + 1]
+    changes: dict[str, object] = {"phase": kept}
+    times, durations = case.output.times, [phase["duration"] for phase in kept]
+    if times is not None and all(isinstance(duration, float) for duration in durations):
+        within = [at for at in times if at <= sum(durations)]
+        changes["output.times"] = within or None
+    return case.with_changes(changes)

@@ -1,0 +1,146 @@
+"""Where local derivatives go in the Jacobian of a block: one constant sparse map to the entries of a fixed pattern.
+
+Unknowns are the free displacements, then each potential in all cells; equations are the momentum balances of the
+free displacements, then each transport balance of all cells.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from fvswell.block.diamonds import Diamonds
+from fvswell.block.edges import Freedoms
+from fvswell.block.grid import BlockGrid
+from fvswell.block.transport import TransportDerivatives
+from fvswell.physics.tissue import Array
+
+__all__ = ["JacobianPattern", "LocalDerivatives"]
+
+
+class LocalDerivatives(NamedTuple):
+    """All that the Jacobian of a block consists of. Corners of cells and ends of faces: all x before all y."""
+
+    corner_forces: Array  # (8, 8, cells): forces at the corners by positions of the corners
+    volume_gradient: Array  # (8, cells): volumes of the cells by positions of the corners
+    osmotic_slope: Array  # (cells,): osmotic pressure by ln c~
+    edge_forces: Array  # (4, 4, boundary faces): forces at the ends of faces by positions of the ends
+    storage: Array  # entries of the stabilisation, volumes stored by water potentials
+    transport: TransportDerivatives
+    duration: float
+
+
+class JacobianPattern:
+    """Rows and columns of the entries, which are fixed, and the map from local derivatives to their values."""
+
+    def __init__(
+        self, grid: BlockGrid, diamonds: Diamonds, freedoms: Freedoms, edge_faces: Array,
+        storage: sparse.csr_array, balances: int,
+    ) -> None:  # fmt: skip
+        self._grid, self._diamonds, self._freedoms, self._balances = grid, diamonds, freedoms, balances
+        self._rows: list[Array] = []
+        self._columns: list[Array] = []
+        self._sources: list[Array] = []
+        self._weights: list[Array] = []
+        self._offset = 0
+        self.size = freedoms.number + balances * grid.cells
+        corners = freedoms.of_vertex[:, grid.cell_vertices].reshape(8, -1)
+        self._mechanics(corners, freedoms.of_vertex[:, grid.face_vertices[:, edge_faces]].reshape(4, -1))
+        entries = storage.tocoo()
+        self._add(self._potential(0)[entries.row], self._potential(0)[entries.col])
+        self._storage(corners)
+        self._fluxes()
+        self._compress()
+
+    def assemble(self, local: LocalDerivatives) -> Array:
+        """Entries of the Jacobian in the order of the pattern."""
+        by, dt, g = local.transport, local.duration, local.volume_gradient
+        parts = [local.corner_forces, -g, local.edge_forces, local.storage, by.contents[:, :1] * g]
+        if self._balances > 1:
+            volumes = self._grid.volumes
+            parts += [-g * local.osmotic_slope, volumes * by.contents[:, 1], dt * by.log_concentration]
+        parts += [dt * by.across, dt * by.along, dt * by.points]
+        return self._scatter @ np.concatenate([part.ravel() for part in parts])
+
+    def _mechanics(self, corners: Array, ends: Array) -> None:
+        self._add(corners[:, None], corners[None])
+        self._add(corners, self._potential(0))
+        self._add(ends[:, None], ends[None])
+
+    def _storage(self, corners: Array) -> None:
+        balances = np.arange(self._balances)[:, None]
+        self._add(self._potential(balances[..., None]), corners)
+        if self._balances > 1:
+            self._add(corners, self._potential(1))
+            self._add(self._potential(balances), self._potential(1))
+
+    def _fluxes(self) -> None:
+        maps, V = self._diamonds, self._balances
+        if V > 1:
+            self._add_flux([(1, 0, maps.mean)], sources=1)
+        for between in (maps.across, maps.along):
+            self._add_flux([(potential, potential, between) for potential in range(V)], sources=V)
+        points = maps.points.tocoo()
+        faces = len(maps.faces)
+        point, face = divmod(points.row, faces)
+        columns = self._freedoms.of_vertex[:, points.col]
+        self._add_outflow(
+            face,
+            columns=columns.ravel(),
+            source=(np.arange(2)[:, None] * 6 + point).ravel(),
+            weight=np.tile(points.data, 2),
+            sources=12,
+        )
+
+    def _add_flux(self, parts: list[tuple[int, int, sparse.csr_array]], sources: int) -> None:
+        """Fluxes that depend on potentials in cells: (potential, source, map from cells to faces)."""
+        entries = [(potential, source, part.tocoo()) for potential, source, part in parts]
+        self._add_outflow(
+            np.concatenate([part.row for *_, part in entries]),
+            columns=np.concatenate([self._potential(potential)[part.col] for potential, _, part in entries]),
+            source=np.concatenate([np.full(part.nnz, source) for _, source, part in entries]),
+            weight=np.concatenate([part.data for *_, part in entries]),
+            sources=sources,
+        )
+
+    def _add_outflow(self, face: Array, columns: Array, source: Array, weight: Array, sources: int) -> None:
+        """What leaves the first cell of a face and enters the second; local values are (balances, sources, faces)."""
+        face = np.resize(face, columns.shape)
+        faces = len(self._diamonds.faces)
+        for balance in range(self._balances):
+            value = (balance * sources + source) * faces + face
+            for side, sign in ((0, 1.0), (1, -1.0)):
+                cell = self._diamonds.cells[side, face]
+                row = np.where(cell < 0, -1, self._potential(balance)[cell])
+                self._put(row, columns, value, sign * weight)
+        self._offset += self._balances * sources * faces
+
+    def _potential(self, potential: int | Array) -> Array:
+        """Index of a potential in all cells."""
+        return self._freedoms.number + potential * self._grid.cells + np.arange(self._grid.cells)
+
+    def _add(self, rows: Array, columns: Array) -> None:
+        """Local values, each with one place."""
+        rows, columns = np.broadcast_arrays(rows, columns)
+        self._put(rows.ravel(), columns.ravel(), np.arange(rows.size), np.ones(rows.size))
+        self._offset += rows.size
+
+    def _put(self, rows: Array, columns: Array, values: Array, weights: Array) -> None:
+        kept = np.flatnonzero((rows >= 0) & (columns >= 0))  # a held displacement is no unknown
+        self._rows.append(rows[kept].astype(np.int32))
+        self._columns.append(columns[kept].astype(np.int32))
+        self._sources.append((self._offset + values[kept]).astype(np.int32))
+        self._weights.append(weights[kept])
+
+    def _compress(self) -> None:
+        rows, columns, sources, weights = (
+            np.concatenate(part) for part in (self._rows, self._columns, self._sources, self._weights)
+        )
+        key, place = np.unique(columns.astype(np.int64) * self.size + rows, return_inverse=True)
+        self.rows = (key % self.size).astype(np.int32)
+        self.columns = (key // self.size).astype(np.int32)
+        self._scatter: Any = sparse.csr_array((weights, (place, sources)), shape=(len(key), self._offset))
+        for part in (self._rows, self._columns, self._sources, self._weights):
+            part.clear()

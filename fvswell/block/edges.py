@@ -1,0 +1,132 @@
+"""What holds and drives the edges of a block: conditions on displacement, drives, and where it meets the bath."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy import sparse
+
+from fvswell.block.grid import EDGES, BlockGrid
+from fvswell.physics.tissue import Array
+
+__all__ = ["EDGES", "EDGE_AXIS", "EdgeCondition", "Freedoms", "check_edges", "drive_names", "freedoms"]
+
+EDGE_AXIS = {"left": 0, "right": 0, "bottom": 1, "top": 1}  # direction of the normal
+_NEIGHBOURS = {edge: tuple(other for other in EDGES if EDGE_AXIS[other] != EDGE_AXIS[edge]) for edge in EDGES}
+
+
+@dataclass(frozen=True)
+class EdgeCondition:
+    """An edge: fixed in both directions, on a roller (no normal displacement), free, or tied; open to the bath or not.
+
+    The vertices of a tied edge share one normal displacement, so that it stays straight, and slide along it freely.
+    """
+
+    displacement: Literal["fixed", "roller", "free", "tied"]
+    permeable: bool = False
+
+
+@dataclass(frozen=True)
+class Freedoms:
+    """Unknown displacements: each component of each vertex moves with one of them, or is held."""
+
+    number: int
+    of_vertex: Array  # (2, vertices): index of the unknown, -1 where held
+    of_tied_edge: dict[str, int]  # index of the normal displacement of a tied edge
+
+    def displacements(self, values: Array) -> Array:
+        """Displacements of the vertices ``(2, vertices)`` from the unknowns."""
+        return np.append(values, 0.0)[self.of_vertex]
+
+    def gather(self, vertices: Array) -> sparse.csr_array:
+        """Sum of vectors ``(2, *vertices.shape)`` at vertices into the unknowns that move them."""
+        rows = self.of_vertex[:, vertices].ravel()
+        moving = np.flatnonzero(rows >= 0)
+        entries = (np.ones(len(moving)), (rows[moving], moving))
+        return sparse.csr_array(entries, shape=(self.number, rows.size))
+
+
+def drive_names(edges: Mapping[str, EdgeCondition]) -> tuple[str, ...]:
+    """Names of the quantities that a protocol may drive.
+
+    "bath" (mmol/mm3); of a free or tied edge "EDGE.pressure" (MPa, positive in compression, normal to the edge as it
+    moves); of a tied edge also "EDGE.force" (N per mm of thickness, or N on the whole disc; positive in compression)
+    and "EDGE.displacement" (mm from the stress-free solid, positive along x or y).
+    """
+    names = ["bath"]
+    for edge in EDGES:
+        if edges[edge].displacement in ("free", "tied"):
+            names.append(f"{edge}.pressure")
+        if edges[edge].displacement == "tied":
+            names += [f"{edge}.force", f"{edge}.displacement"]
+    return tuple(names)
+
+
+def check_edges(rings: bool, edges: Mapping[str, EdgeCondition]) -> list[str]:
+    """What is wrong with the conditions on the edges, in sentences; an empty list if nothing is.
+
+    Parameters
+    ----------
+    rings
+        Whether the block is axisymmetric.
+    edges
+        A condition for each of left, right, bottom and top.
+    """
+    problems = []
+    if rings and (edges["left"].displacement != "roller" or edges["left"].permeable):
+        problems.append("the left edge is the axis of the disc: it has to be a roller and impermeable")
+    if not any(edge.permeable for edge in edges.values()):
+        problems.append("no edge is permeable: at least one has to be open to the bath")
+    for edge, condition in edges.items():
+        if condition.displacement == "tied":
+            problems += [
+                f"the {edge} edge is tied to move as one, but ends at the {neighbour} edge, which is fixed"
+                for neighbour in _NEIGHBOURS[edge]
+                if edges[neighbour].displacement == "fixed"
+            ]
+    free = _rigid_motions(rings, edges)
+    if free:
+        problems.append(
+            f"nothing keeps the block from {' or '.join(free)}: make an edge fixed or a roller (a tied edge moves)"
+        )
+    return problems
+
+
+def _rigid_motions(rings: bool, edges: Mapping[str, EdgeCondition]) -> list[str]:
+    """Rigid motions that the conditions leave open, each alone."""
+    fixed = any(edge.displacement == "fixed" for edge in edges.values())
+    held = [
+        fixed or any(edge.displacement == "roller" and EDGE_AXIS[name] == axis for name, edge in edges.items())
+        for axis in (0, 1)
+    ]
+    turning = any(edge.displacement != "free" for edge in edges.values())
+    motions = [] if held[0] or rings else ["moving along x"]
+    motions += [] if held[1] else ["moving along the axis" if rings else "moving along y"]
+    return motions + ([] if turning or rings else ["turning"])
+
+
+def freedoms(grid: BlockGrid, edges: Mapping[str, EdgeCondition]) -> Freedoms:
+    """Number the unknown displacements of a block."""
+    of_vertex = np.arange(grid.vertices.size).reshape(grid.vertices.shape)
+    for edge, condition in edges.items():
+        vertices = grid.edge_vertices(edge)
+        if condition.displacement == "tied":
+            of_vertex[EDGE_AXIS[edge], vertices] = of_vertex[EDGE_AXIS[edge], vertices[0]]
+    for edge, condition in edges.items():
+        vertices = grid.edge_vertices(edge)
+        if condition.displacement == "fixed":
+            of_vertex[:, vertices] = -1
+        elif condition.displacement == "roller":
+            of_vertex[EDGE_AXIS[edge], vertices] = -1
+    used, renumbered = np.unique(of_vertex, return_inverse=True)
+    first = int(used[0] < 0)
+    of_vertex = renumbered.reshape(of_vertex.shape) - first
+    tied = {
+        edge: int(of_vertex[EDGE_AXIS[edge], grid.edge_vertices(edge)[0]])
+        for edge, condition in edges.items()
+        if condition.displacement == "tied"
+    }
+    return Freedoms(len(used) - first, of_vertex, tied)

@@ -1,0 +1,87 @@
+"""Whether the valid values of a case of a block fit together: edges, loads, probe and times."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fvswell.case.block_schema import EDGES, EdgeLoad
+from fvswell.case.checks import osmotic_problems, repeated_names, times_beyond_end
+from fvswell.case.errors import Finding
+from fvswell.case.profiles import DepthProfile
+from fvswell.case.values import RelaxationTimes, final_value
+
+if TYPE_CHECKING:
+    from fvswell.case.case import BlockCase
+
+__all__ = ["check_block_case"]
+
+_DRIVABLE = {"pressure": ("free", "tied"), "force": ("tied",), "displacement": ("tied",)}
+
+
+def check_block_case(case: BlockCase) -> Iterator[Finding]:
+    """Everything wrong between the values of a case, each of which is valid by itself."""
+    yield from repeated_names(case)
+    yield from times_beyond_end(case)
+    yield from _edge_problems(case)
+    for edge in EDGES:
+        yield from _load_problems(case, edge)
+    geometry = case.geometry
+    if geometry.probe is not None and (geometry.probe[0] > geometry.width or geometry.probe[1] > geometry.height):
+        yield Finding(
+            ("geometry", "probe"), f"lies outside the block, which is {geometry.width:g} mm x {geometry.height:g} mm"
+        )
+    if case.assembly != "coupled-term":
+        yield Finding(("assembly",), 'is for columns: a block is assembled by "coupled-term"')
+    for index, phase in enumerate(case.phase):
+        if isinstance(phase.duration, RelaxationTimes):
+            yield Finding(("phase", index, "duration"), "relaxation times are of columns: give the duration in s")
+    profiles = [(key, value) for key, value in case.tissue if isinstance(value, DepthProfile)]
+    for key, _ in profiles:
+        yield Finding(("tissue", key), "varies with depth: in a block give {x = [...], y = [...], value = [[...]]}")
+    if not profiles:
+        x, y = np.meshgrid(np.linspace(0.0, geometry.width, 50), np.linspace(0.0, geometry.height, 50))
+        yield from osmotic_problems(case, case.tissue_at_points(np.stack([x.ravel(), y.ravel()])))
+
+
+def _edge_problems(case: BlockCase) -> Iterator[Finding]:
+    from fvswell.block.edges import EdgeCondition, check_edges  # takes FiPy along, which columns need not wait for
+
+    conditions = {}
+    for name in EDGES:
+        edge = getattr(case.geometry.edges, name)
+        conditions[name] = EdgeCondition(edge.displacement, edge.permeable)
+    for problem in check_edges(case.geometry.kind == "axisymmetric", conditions):
+        yield Finding(("geometry", "edges"), problem)
+
+
+def _load_problems(case: BlockCase, edge: str) -> Iterator[Finding]:
+    """Loads that an edge cannot take, and jumps of its displacement."""
+    kind = getattr(case.geometry.edges, edge).displacement
+    left: float | None = 0.0  # the displacement that the previous phase leaves, None where only a run can tell
+    for index, phase in enumerate(case.phase):
+        load: EdgeLoad | None = getattr(phase, edge)
+        if load is None:
+            left = left if index and left is not None and _held(case, edge, index) else None
+            continue
+        for name, edges in _DRIVABLE.items():
+            if getattr(load, name) is not None and kind not in edges:
+                yield Finding(
+                    ("phase", index, edge, name), f"the edge is {kind}: it can be given for {' or '.join(edges)}"
+                )
+        given = load.displacement
+        if isinstance(given, float) and (left is None or not math.isclose(given, left)):
+            yield Finding(
+                ("phase", index, edge, "displacement"),
+                f"jumps, which needs infinite pressure: use {{ramp_to = {given:g}, over = ...}}",
+            )
+        left = None if given is None else final_value(given)
+
+
+def _held(case: BlockCase, edge: str, phase: int) -> bool:
+    """Whether the last load that an edge was given before a phase is a displacement."""
+    loads = [load for earlier in case.phase[:phase] if (load := getattr(earlier, edge)) is not None]
+    return bool(loads) and loads[-1].displacement is not None

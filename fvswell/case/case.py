@@ -1,0 +1,194 @@
+"""The case: what is simulated, read from a TOML file, checked, changed and written back."""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from collections.abc import Mapping
+from functools import cached_property
+from importlib import resources
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+from pydantic import PrivateAttr
+
+from fvswell.case.block_checks import check_block_case
+from fvswell.case.block_schema import BlockGeometry, BlockPhase
+from fvswell.case.changes import changed_content
+from fvswell.case.checks import check_case
+from fvswell.case.errors import CaseError, Problem, nearest_name, shown
+from fvswell.case.reading import read_tables
+from fvswell.case.schema import BLOCK_GEOMETRIES, GEOMETRIES, MODELS, CaseTable
+from fvswell.physics.tissue import Array, Tissue
+
+__all__ = ["MODELS", "BlockCase", "Case", "CaseError", "load_case", "parse_setting", "starter_text"]
+
+_HEADER = "# Plain numbers are in mm, N, s, mmol, K: MPa, mmol/mm^3, mm^4/(N s), mm^2/s.\n"
+
+
+class Case(CaseTable):
+    """A simulation: title, model, geometry, tissue, bath, phases, time stepping and output.
+
+    Made by ``load_case``, ``Case.from_toml`` and ``with_changes``, which check it. All values are in the
+    internal units mm, N, s, mmol, K. Cases are equal if their resolved content is, wherever they came from.
+    """
+
+    _source: str = PrivateAttr(default="case")
+
+    @classmethod
+    def from_toml(cls, text: str, source: str = "case") -> Case:
+        """Read and check a case.
+
+        Parameters
+        ----------
+        text
+            Content of a case file.
+        source
+            What to call it in messages.
+
+        Raises
+        ------
+        CaseError
+            With every problem that the text has.
+        """
+        try:
+            content = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise CaseError([Problem("", "", f"cannot be read as TOML: {error}")], source) from None
+        return cls._from_content(content, source)
+
+    @classmethod
+    def _from_content(cls, content: Mapping[str, Any], source: str) -> Case:
+        geometry = content.get("geometry")
+        kind = geometry.get("kind") if isinstance(geometry, Mapping) else None
+        case: Case
+        if nearest_name(kind, GEOMETRIES) in BLOCK_GEOMETRIES:
+            case = read_tables(BlockCase, content, source, check_block_case)
+        else:
+            case = read_tables(Case, content, source, check_case)
+        case._source = source
+        return case
+
+    @property
+    def source(self) -> str:
+        """Where the case was read from."""
+        return self._source
+
+    def tissue_at(self, depth: Array) -> Tissue:
+        """Tissue at depths.
+
+        Parameters
+        ----------
+        depth
+            Distances from the filter in the stress-free solid, mm, shape (points,).
+
+        Returns
+        -------
+        Tissue
+            Arrays of shape (1, 1) for homogeneous properties and (1, points) for varying ones.
+        """
+        return self.tissue.at({"depth": depth}, self.bath)
+
+    def with_changes(self, changes: Mapping[str, Any]) -> Case:
+        """Checked copy with some values changed.
+
+        Parameters
+        ----------
+        changes
+            New values by dotted key, set in this order, such as
+            ``{"tissue.hindrance_factor": 0.0, "model": "biphasic"}``. A phase goes by its name or its number
+            from 0: ``"phase.loading.piston_pressure"``, ``"phase.0.duration"``. None takes a key away. A key
+            that excludes another one takes its place.
+
+        Raises
+        ------
+        CaseError
+            If a key is unknown or the changed case has any problem.
+        """
+        content = changed_content(type(self), self._content, changes, self.source)
+        return self._from_content(content, self.source)
+
+    def to_toml(self) -> str:
+        """The resolved case in internal units, complete: ``Case.from_toml`` gives the same case back."""
+        return _HEADER + tomli_w.dumps(self._content)
+
+    @cached_property
+    def sha256(self) -> str:
+        """Checksum of the resolved case."""
+        return hashlib.sha256(self.to_toml().encode()).hexdigest()
+
+    @cached_property
+    def _content(self) -> dict[str, Any]:
+        return self.model_dump(exclude_none=True)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Case) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash(self.sha256)
+
+
+class BlockCase(Case):
+    """A simulation of a block, in plane strain or axisymmetry."""
+
+    geometry: BlockGeometry  # type: ignore[assignment]
+    phase: tuple[BlockPhase, ...]  # type: ignore[assignment]
+
+    def tissue_at_points(self, points: Array) -> Tissue:
+        """Tissue at points ``(2, points)`` of the stress-free solid, mm; arrays (1, 1) or (1, points)."""
+        return self.tissue.at({"x": points[0], "y": points[1]}, self.bath)
+
+
+def load_case(path: str | PathLike[str]) -> Case:
+    """Read and check a case file.
+
+    Raises
+    ------
+    CaseError
+        If the file cannot be read, or with every problem that it has.
+    """
+    file = Path(path)
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        message = f"no such file{_similar_file(file)}"
+    except OSError as error:
+        message = f"cannot be read: {error.strerror}"
+    except UnicodeDecodeError as error:
+        message = f"is not UTF-8 text: {error.reason} at byte {error.start}"
+    else:
+        return Case.from_toml(text, str(file))
+    raise CaseError([Problem("", "", message)], str(file))
+
+
+def parse_setting(setting: str) -> tuple[str, Any]:
+    """Split ``key=value``; the value is read as in a TOML file and is taken as text if it cannot be.
+
+    Raises
+    ------
+    CaseError
+        If there is no key or no "=".
+    """
+    key, equals, text = setting.partition("=")
+    key, text = key.strip(), text.strip()
+    if not key or not equals:
+        message = "must be key=value, such as tissue.hindrance_factor=0"
+        raise CaseError([Problem("", shown(setting), message)], "setting")
+    try:
+        content = tomllib.loads(f"value = {text}")
+    except tomllib.TOMLDecodeError:
+        return key, text
+    return key, content["value"] if len(content) == 1 else text
+
+
+def starter_text() -> str:
+    """A commented case file to begin with."""
+    return resources.files(__package__).joinpath("starter_case.toml").read_text(encoding="utf-8")
+
+
+def _similar_file(file: Path) -> str:
+    names = [other.name for other in file.parent.glob("*.toml")] if file.parent.is_dir() else []
+    near = nearest_name(file.name, names)
+    return f"; did you mean {file.with_name(near)}?" if near else ""

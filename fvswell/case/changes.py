@@ -1,0 +1,111 @@
+"""Changes to a case by dotted key, made in its raw content, which is read and checked again afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+from fvswell.case.errors import CaseError, Problem, nearest_name, shown
+from fvswell.case.schema import Table, inner_tables, variant
+
+__all__ = ["changed_content"]
+
+
+def changed_content(
+    root: type[Table], content: Mapping[str, Any], changes: Mapping[str, Any], source: str
+) -> Mapping[str, Any]:
+    """Raw content with some values changed; the original is left as it is, and what stays is shared.
+
+    Parameters
+    ----------
+    root
+        Table at the top of the schema.
+    content
+        Raw content of a valid case.
+    changes
+        New values by dotted key; None takes a key away.
+    source
+        File name for messages.
+
+    Raises
+    ------
+    CaseError
+        If a key leads nowhere. Keys that the schema does not know are found when the content is read.
+    """
+    problems = []
+    for key, value in changes.items():
+        try:
+            content = _changed(root, content, "", key.split("."), value, changes)
+        except ValueError as error:
+            problems.append(Problem(key, shown(value), str(error)))
+    if problems:
+        raise CaseError(problems, source)
+    return content
+
+
+def _changed(
+    table: type[Table] | None,
+    content: Any,
+    prefix: str,
+    keys: list[str],
+    value: Any,
+    changes: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Copy of the raw content of a table with one value set, sharing all that stays as it is."""
+    if not isinstance(content, Mapping):
+        raise ValueError(f"{prefix.removesuffix('.')} holds a single value and no keys")
+    key, *rest = keys
+    new = dict(content)
+    inner = inner_tables(table, key) if table is not None else []
+    if not rest:
+        if value is None:
+            new.pop(key, None)
+            return new
+        new[key] = value
+        if table is None or key not in table.alternatives:
+            return new
+        return _without(new, table.alternatives, prefix, changes)
+    prefix = f"{prefix}{key}."
+    old = content.get(key, {})
+    if isinstance(old, list | tuple) and inner:
+        new[key] = _changed_array(inner, old, prefix, rest, value, changes)
+        return new
+    before = variant(inner, old)
+    new[key] = _changed(before, old, prefix, rest, value, changes)
+    after = variant(inner, new[key])
+    if before is not None and after is not None and after is not before:
+        lost = before.model_fields.keys() - after.model_fields.keys()  # what only the old variant knows
+        new[key] = _without(new[key], lost, prefix, changes)
+    return new
+
+
+def _without(
+    content: Mapping[str, Any], keys: Collection[str], prefix: str, changes: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Content without some keys, except those that are asked for."""
+    return {key: item for key, item in content.items() if key not in keys or f"{prefix}{key}" in changes}
+
+
+def _changed_array(
+    inner: list[type[Table]],
+    items: Sequence[Any],
+    prefix: str,
+    keys: list[str],
+    value: Any,
+    changes: Mapping[str, Any],
+) -> list[Any]:
+    """Copy of an array of tables with one value set in the table of a given name or number."""
+    name, *rest = keys
+    names = [str(item.get("name", "")) if isinstance(item, Mapping) else "" for item in items]
+    index = names.index(name) if name in names else int(name) if name.isdecimal() else len(items)
+    if index >= len(items):
+        near = nearest_name(name, names)
+        hint = f"; did you mean {near}?" if near else ""
+        raise ValueError(f"there is no {prefix}{name}; there are {', '.join(names)}{hint}")
+    new = list(items)
+    if not rest:
+        new[index] = value
+        return new
+    table = variant(inner, items[index])
+    new[index] = _changed(table, items[index], f"{prefix}{name}.", rest, value, changes)
+    return new

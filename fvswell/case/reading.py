@@ -1,0 +1,169 @@
+"""From the raw content of a case file to checked tables, or to every problem in it at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin
+
+from pydantic import ValidationError
+from pydantic.fields import FieldInfo
+
+from fvswell.case.errors import CaseError, Finding, Location, Problem, nearest_name, shown
+from fvswell.case.schema import Table, inner_tables, is_array, variant, variant_names
+from fvswell.case.values import ValueType
+
+__all__ = ["allowed_values", "read_tables", "tables_below", "value_type"]
+
+_Root = TypeVar("_Root", bound=Table)
+_NOTHING = object()
+
+
+def read_tables(
+    root: type[_Root], content: Mapping[str, Any], source: str, check: Callable[[_Root], Iterable[Finding]]
+) -> _Root:
+    """Read raw content into the tables of a schema and check how its values fit together.
+
+    Parameters
+    ----------
+    root
+        Table at the top of the schema.
+    content
+        What the TOML file holds.
+    source
+        File name for messages.
+    check
+        Finds what is wrong between valid values.
+
+    Raises
+    ------
+    CaseError
+        With all problems of the keys and values; if there are none, with all that ``check`` finds.
+    """
+    findings = list(_presence_findings(root, content, ()))
+    try:
+        table = root.model_validate(content)
+    except ValidationError as error:
+        findings = [*(_finding(root, content, details) for details in error.errors()), *findings]
+    if not findings:
+        findings = list(check(table))
+    if findings:
+        raise CaseError((_problem(root, content, finding) for finding in findings), source)
+    return table
+
+
+def tables_below(table: type[Table], heading: str = "") -> Iterator[tuple[str, type[Table]]]:
+    """All tables of a schema with their headings, such as "[tissue]"."""
+    yield heading, table
+    for key in table.model_fields:
+        tables = inner_tables(table, key)
+        names = {inner: f' with {tag} = "{name}"' for name, (tag, inner) in variant_names(tables).items()}
+        for inner in tables:
+            told_apart = names[inner] if len(tables) > 1 else ""
+            yield from tables_below(inner, (f"[[{key}]]" if is_array(table, key) else f"[{key}]") + told_apart)
+
+
+def value_type(field: FieldInfo) -> ValueType | None:
+    """What reads the values of a key, None for tables and for the names of variants."""
+    return next((item for item in field.metadata if isinstance(item, ValueType)), None)
+
+
+def allowed_values(field: FieldInfo) -> str:
+    """What may be given for a key, in a few words."""
+    reader = value_type(field)
+    if reader is not None:
+        return reader.allowed
+    if get_origin(field.annotation) is Literal:
+        return ", ".join(f'"{name}"' for name in get_args(field.annotation))
+    return "one or more tables" if get_origin(field.annotation) is tuple else "a table"
+
+
+class _Place(NamedTuple):
+    """A key: how it is written in a message, what was given, and the table and name it belongs to."""
+
+    key: str
+    given: Any
+    table: type[Table]
+    name: str
+
+
+def _place(root: type[Table], content: Mapping[str, Any], location: Location) -> _Place:
+    """Follow a location; parts that name a variant of a table, as pydantic inserts them, are passed over."""
+    place, table = _Place("", content, root, ""), variant([root], content)
+    for part in location:
+        given = place.given
+        if isinstance(part, int):
+            item = given[part]
+            name = item.get("name") if isinstance(item, Mapping) else None
+            place = place._replace(key=f"{place.key}[{name if isinstance(name, str) else part}]", given=item)
+            table = variant(inner_tables(place.table, place.name), item)
+        elif part not in variant_names(inner_tables(place.table, place.name)):
+            key = f"{place.key}.{part}" if place.key else part
+            inner = given.get(part, _NOTHING) if isinstance(given, Mapping) else _NOTHING
+            place = _Place(key, inner, table or place.table, part)
+            table = variant(inner_tables(place.table, part), inner)
+    return place
+
+
+def _problem(root: type[Table], content: Mapping[str, Any], finding: Finding) -> Problem:
+    place = _place(root, content, finding.location)
+    return Problem(place.key, "" if place.given is _NOTHING else shown(place.given), finding.message)
+
+
+def _presence_findings(table: type[Table], content: Mapping[str, Any], location: Location) -> Iterator[Finding]:
+    """What the tables say about keys that exclude or need each other."""
+    for key, message in table.presence_problems(content):
+        yield Finding((*location, key), message)
+    for key, inner in content.items():
+        tables = inner_tables(table, key)
+        several = is_array(table, key)
+        if not tables or several != isinstance(inner, list | tuple):
+            continue
+        for index, part in enumerate(inner if several else [inner]):
+            chosen = variant(tables, part)
+            if chosen is not None and isinstance(part, Mapping):
+                place = (*location, key, index) if several else (*location, key)
+                yield from _presence_findings(chosen, part, place)
+
+
+def _finding(root: type[Table], content: Mapping[str, Any], details: Any) -> Finding:
+    """Our words for one of pydantic's errors."""
+    location, kind, context = details["loc"], details["type"], details.get("ctx", {})
+    place = _place(root, content, location)
+    if kind == "value_error":
+        return Finding(location, str(context["error"]))
+    if kind == "extra_forbidden":
+        return Finding(location, f"unknown key; {_suggestion(root, place.table, place.name)}")
+    if kind in ("union_tag_invalid", "union_tag_not_found"):
+        tag = context["discriminator"].strip("'")
+        names = variant_names(inner_tables(place.table, place.name))
+        return Finding((*location, tag), _one_of(names, context.get("tag")))
+    field = place.table.model_fields[place.name]
+    if kind == "missing":
+        reader = value_type(field)
+        unit = f" ({reader.unit})" if reader is not None and reader.unit else ""
+        return Finding(location, f"missing; must be given: {allowed_values(field)}{unit}")
+    if kind == "literal_error":
+        return Finding(location, _one_of(get_args(field.annotation), place.given))
+    heading = f"[[{place.name}]]" if is_array(place.table, place.name) else f"[{place.name}]"
+    return Finding(location, f"must be a table with the heading {heading}")
+
+
+def _one_of(names: Iterable[str], given: Any) -> str:
+    near = nearest_name(given, names)
+    hint = f"; did you mean {shown(near)}?" if near else ""
+    return f"must be one of {', '.join(map(shown, names))}{hint}"
+
+
+def _suggestion(root: type[Table], table: type[Table], name: str) -> str:
+    """What an unknown key may have been meant to be: it stands in the wrong table, or is misspelt."""
+    tables = tables_below(root)
+    elsewhere = {key: heading or "the title" for heading, other in tables for key in other.model_fields}
+    if name in elsewhere:
+        return f"belongs under {elsewhere[name]}"
+    near = nearest_name(name, table.model_fields)
+    if near is not None:
+        return f"did you mean {near}?"
+    near = nearest_name(name, elsewhere)
+    if near is not None:
+        return f"did you mean {near}, which belongs under {elsewhere[near]}?"
+    return f"allowed here are {', '.join(table.model_fields)}"

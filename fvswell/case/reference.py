@@ -1,0 +1,89 @@
+"""The reference of the case file for the documentation, written from the schema.
+
+``python -m fvswell.case.reference > docs/case-file.md`` brings the page up to date.
+"""
+
+from __future__ import annotations
+
+from pydantic.fields import FieldInfo
+
+from fvswell.case.case import BlockCase
+from fvswell.case.reading import allowed_values, tables_below, value_type
+from fvswell.case.schema import CaseTable, Table
+from fvswell.case.values import Load, Quantity
+from fvswell.units import DIMENSIONS
+
+__all__ = ["case_reference"]
+
+_INTRODUCTION = """\
+# The case file
+
+This page is written from the schema by `python -m fvswell.case.reference`.
+
+A case is a [TOML](https://toml.io) file. `fvswell new NAME` writes a commented one to begin with, and
+`fvswell check CASE` tells everything that is wrong with one at once.
+
+**Quantities** are texts with a unit, such as `"0.5 MPa"`, or plain numbers in the internal units shown below.
+Any unit of the dimension will do: `"0.2 meq/ml"` and `"0.2 M"` are the same concentration, for one equivalent
+is one mole of charge. Conversion is exact: a case gives the same results in whatever units it is written.
+
+**Profiles.** A key marked *varies* also takes `{ depth = [...], value = [...] }`: linear between the depths,
+constant outside them. Depth is the distance from the filter in the stress-free solid. Entries are quantities.
+
+**Loads** marked *ramps* step to the given value when their phase starts. As `{ ramp_to = ..., over = ... }`
+they go there linearly within the time `over`, which must not be longer than the phase.
+"""
+
+
+def case_reference() -> str:
+    """Markdown page with every key of a case: unit, default, allowed values and meaning."""
+    parts = [_INTRODUCTION, _units()]
+    columns = list(tables_below(CaseTable))
+    known = {table for _, table in columns}
+    blocks = [(heading, table) for heading, table in tables_below(BlockCase) if heading and table not in known]
+    for heading, table in [*columns, *blocks]:
+        title = f"`{heading.split(' ')[0]}`{heading.removeprefix(heading.split(' ')[0])}" if heading else "At the top"
+        parts.append(f"## {title}\n\n{table.__doc__}\n\n{_rows(table)}")
+    return "\n".join(parts)
+
+
+def _units() -> str:
+    rows = [
+        f"| {name} | {f'`{dimension.unit}`' if dimension.unit else ''} | `{dimension.example}` |"
+        for name, dimension in DIMENSIONS.items()
+    ]
+    return "\n".join(["## Units", "", "| dimension | internal unit | example |", "|---|---|---|", *rows, ""])
+
+
+def _rows(table: type[Table]) -> str:
+    rows = [
+        f"| `{key}` | {_unit(field)} | {_default(field)} | {_allowed(field)} | {field.description} |"
+        for key, field in table.model_fields.items()
+        if field.description is not None
+    ]
+    return "\n".join(["| key | unit | default | allowed | meaning |", "|---|---|---|---|---|", *rows, ""])
+
+
+def _unit(field: FieldInfo) -> str:
+    reader = value_type(field)
+    return f"`{reader.unit}`" if reader is not None and reader.unit else ""
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "required"
+    if field.default is None:
+        return ""
+    if isinstance(field.default, str):
+        return f'`"{field.default}"`'
+    return f"{field.default:g}" if isinstance(field.default, float) else f"`{str(field.default).lower()}`"
+
+
+def _allowed(field: FieldInfo) -> str:
+    reader = value_type(field)
+    marks = {"varies": isinstance(reader, Quantity) and reader.varying, "ramps": isinstance(reader, Load)}
+    return "; ".join([allowed_values(field), *(f"*{mark}*" for mark, given in marks.items() if given)])
+
+
+if __name__ == "__main__":
+    print(case_reference(), end="")

@@ -1,0 +1,91 @@
+"""The commands ``fit`` and ``export``."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fvswell.cli.arguments import CaseFile, Directory, Force, Quiet, Settings, output_directory, read_case
+from fvswell.reporting.console import Console, told_errors
+
+__all__ = ["app"]
+
+app = typer.Typer(rich_markup_mode=None)
+
+
+@app.command()
+@told_errors
+def fit(
+    case_file: CaseFile,
+    parameter: Annotated[
+        str, typer.Option(metavar="NAME", help="Property of the tissue to fit.")
+    ] = "hydraulic_permeability",
+    against: Annotated[str, typer.Option(metavar="MODEL", help="Model that is followed.")] = "electrochemical",
+    phases: Annotated[
+        str | None, typer.Option(metavar="A,B,...", help="Phases that count; the first without it.")
+    ] = None,
+    between: Annotated[
+        str | None,
+        typer.Option(
+            metavar='"LOW, HIGH"', help="Where to look, with units; a quarter to four times the case's value."
+        ),
+    ] = None,
+    settings: Settings = None,
+    output: Directory = None,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Fit the biphasic-swelling model to a fuller one.
+
+    Finds the value of a property of the tissue with which the biphasic-swelling model, without open-circuit
+    correction, follows the fuller model best. Writes all trials and both results to DIR.
+    """
+    from fvswell.analysis.comparison import with_models
+    from fvswell.analysis.fit import FITTED_MODEL, Trial, fit_problem, run_fit
+    from fvswell.reporting.reports import case_lines, fit_report
+    from fvswell.results.file import refuse_existing
+
+    case = read_case(case_file, settings)
+    with_models(case, [against, FITTED_MODEL])
+    limits = None if between is None else [limit.strip() for limit in between.split(",")]
+    names = None if phases is None else [name.strip() for name in phases.split(",")]
+    problem = fit_problem(case, parameter, against, names, limits)
+    directory = output_directory(case_file, output)
+    table, reference, fitted = (directory / name for name in ("fit.csv", f"fit_{against}.nc", f"fit_{FITTED_MODEL}.nc"))
+    refuse_existing([table, reference, fitted], force)
+    console = Console(quiet)
+    console.lines(*case_lines(case, f"{FITTED_MODEL}, fitted to {against}"))
+    began = time.perf_counter()
+
+    def tell(trial: Trial) -> None:
+        elapsed = time.perf_counter() - began
+        told = ", ".join(f"{value:.6f}" for value in trial.r_squared)
+        console.lines(f"run {trial.run}: {parameter} {trial.value:.6g}, R^2 {told}, {elapsed:.0f} s")
+
+    with console.progress(against) as draw:
+        done = run_fit(problem, reference, fitted, force, draw, tell)
+    done.write_csv(table)
+    lines, summary = fit_report(done)
+    console.lines("")
+    console.table(summary)
+    console.lines("", *lines, *(f"wrote {path}" for path in (table, reference, fitted)))
+
+
+@app.command()
+@told_errors
+def export(
+    result: Annotated[Path, typer.Argument(metavar="RESULT", help="A result (.nc) of a block.")],
+    to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="vtu, a time series for ParaView.")] = "vtu",
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Directory to write to; that of the result.")
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Write a result in a format of other programs."""
+    from fvswell.results.export import export_result
+
+    path = export_result(result, to, output, force)
+    Console().lines(f"wrote {path}, open it with ParaView")

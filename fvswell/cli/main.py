@@ -1,0 +1,245 @@
+"""The command ``fvswell``. Commands import what they need when they run, so that help answers at once."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fvswell import __version__
+from fvswell.cli import blocks, studies
+from fvswell.cli.arguments import CaseFile, Directory, Force, Quiet, Settings, output_directory, read_case
+from fvswell.errors import OutputError, SolverError
+from fvswell.reporting.console import Console, told_errors
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from fvswell.case.case import Case
+    from fvswell.simulation.run import Progress
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    help="Swelling and compression of soft, charged, hydrated tissues by three models: biphasic, "
+    "biphasic-swelling and electrochemical.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # plain help takes half the time
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def main() -> None:
+    """Run the command line."""
+    for stream in (sys.stdout, sys.stderr):
+        stream.reconfigure(errors="replace")  # type: ignore[union-attr]  # titles in any script, on any terminal
+    app(prog_name="fvswell")
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"fvswell {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+@told_errors
+def run(
+    case_file: CaseFile,
+    model: Annotated[
+        str | None,
+        typer.Option(help="biphasic, biphasic-swelling or electrochemical; the case's own without it."),
+    ] = None,
+    settings: Settings = None,
+    output: Directory = None,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Simulate a case and write its result to DIR/MODEL.nc."""
+    from fvswell.reporting.reports import case_lines
+    from fvswell.results.file import refuse_existing
+
+    case = read_case(case_file, settings, model)
+    path = output_directory(case_file, output) / f"{case.model}.nc"
+    refuse_existing([path], force)
+    console = Console(quiet)
+    console.lines(*case_lines(case))
+    _simulate(case, path, force, console)
+
+
+@app.command()
+@told_errors
+def check(case_file: CaseFile, settings: Settings = None) -> None:
+    """Check a case: all that is wrong, or derived numbers."""
+    from fvswell.analysis.characteristics import characteristics
+    from fvswell.reporting.reports import case_lines, characteristics_table
+
+    case = read_case(case_file, settings)
+    console = Console()
+    console.lines(*case_lines(case), "")
+    table, lines = characteristics_table(case, characteristics(case))
+    console.table(table)
+    console.lines("", *lines, f"{case_file}: is valid")
+
+
+@app.command()
+@told_errors
+def new(
+    name: Annotated[Path, typer.Argument(metavar="NAME", help="Name of the case; NAME.toml is written.")],
+    force: Force = False,
+) -> None:
+    """Write a commented case to begin with."""
+    from fvswell.case.case import starter_text
+
+    path = name if name.suffix == ".toml" else name.with_name(f"{name.name}.toml")
+    try:
+        with path.open("w" if force else "x", encoding="utf-8") as file:
+            file.write(starter_text())
+    except FileExistsError:
+        raise OutputError(f"{path}: is there already; use --force to replace it") from None
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
+    Console().lines(f"wrote {path}", f"try: fvswell check {path}, fvswell run {path}, fvswell compare {path}")
+
+
+@app.command()
+@told_errors
+def compare(
+    case_file: CaseFile,
+    models: Annotated[
+        str, typer.Option(metavar="A,B,...", help="Models to compare, separated by commas.")
+    ] = "biphasic,biphasic-swelling,electrochemical",
+    settings: Settings = None,
+    output: Directory = None,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run models of a case and tell how far apart they are.
+
+    Prints tables and writes the results, a figure and a table to DIR.
+    """
+    from fvswell.analysis.comparison import compare_results, with_models
+    from fvswell.reporting.block_plots import all_blocks, block_comparison_figure
+    from fvswell.reporting.plots import comparison_figure, save_figure
+    from fvswell.reporting.reports import case_lines, comparison_tables
+    from fvswell.results.file import refuse_existing
+
+    case = read_case(case_file, settings)
+    cases = with_models(case, [name.strip() for name in models.split(",")])
+    directory = output_directory(case_file, output)
+    paths = {name: directory / f"{name}.nc" for name in cases}
+    table, *figures = (directory / f"comparison.{suffix}" for suffix in ("csv", "png", "pdf"))
+    refuse_existing([*paths.values(), table, *figures], force)
+    console = Console(quiet)
+    console.lines(*case_lines(case, ", ".join(cases)))
+    durations: list[float] | None = None
+    results = {}
+    for name, each in cases.items():
+        result = results[name] = _simulate(each, paths[name], force, console, durations)
+        ends = result["phase_end"].values.tolist()
+        durations = [end - start for start, end in zip([0.0, *ends], ends, strict=False)]
+    comparison = compare_results(results)
+    comparison.write_csv(table)
+    draw = block_comparison_figure if all_blocks(results) else comparison_figure
+    for figure in figures:
+        save_figure(draw(comparison), figure)
+    for each_table in comparison_tables(comparison):
+        console.lines("")
+        console.table(each_table)
+    console.lines("", *(f"wrote {path}" for path in (table, *figures)))
+
+
+@app.command()
+@told_errors
+def plot(
+    results: Annotated[list[Path], typer.Argument(metavar="RESULT...", help="Results (.nc) to draw.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Figure: .png, .pdf or .svg."),
+    ] = None,
+    times: Annotated[str | None, typer.Option(metavar='"10 s,1 min"', help="Times of the fields, with units.")] = None,
+    variables: Annotated[
+        list[str] | None,
+        typer.Option("--variable", metavar="NAME", help="Field to draw. May be given many times."),
+    ] = None,
+) -> None:
+    """Draw histories, and fields over the depth or on the moved grid."""
+    from fvswell.reporting.block_plots import all_blocks, block_figure
+    from fvswell.reporting.plots import chosen_times, chosen_variables, result_figure, result_labels, save_figure
+    from fvswell.results.file import read_result
+
+    datasets = [read_result(path) for path in results]
+    labelled = dict(zip(result_labels(results, datasets), datasets, strict=True))
+    name = f"{results[0].stem}.png" if len(results) == 1 else "results.png"
+    path = output or results[0].with_name(name)
+    draw = block_figure if all_blocks(labelled) else result_figure
+    figure = draw(labelled, chosen_times(labelled, times), chosen_variables(labelled, variables))
+    save_figure(figure, path)
+    Console().lines(f"wrote {path}")
+
+
+@app.command()
+@told_errors
+def info(
+    result: Annotated[Path, typer.Argument(metavar="RESULT", help="A result (.nc).")],
+) -> None:
+    """Tell what is in a result."""
+    from fvswell.case.case import Case
+    from fvswell.reporting.reports import case_lines, content_table, effort_lines, phase_table, result_lines
+    from fvswell.results.file import read_result
+
+    dataset = read_result(result)
+    case = Case.from_toml(dataset.attrs["case_toml"], str(result))
+    console = Console()
+    console.lines(*case_lines(case), *result_lines(dataset), "")
+    console.table(phase_table(dataset, case))
+    console.lines("", *effort_lines(dataset), "")
+    console.table(content_table(dataset))
+
+
+app.add_typer(blocks.app)
+app.add_typer(studies.app)
+
+
+def _simulate(
+    case: Case, path: Path, replace: bool, console: Console, durations: list[float] | None = None
+) -> xr.Dataset:
+    """Run a case into a file, with progress and a summary; of a run that had to stop as well."""
+    from fvswell.reporting.reports import duration_line, effort_lines, phase_table
+    from fvswell.simulation.run import run as simulate
+
+    began = time.perf_counter()
+    stopped: SolverError | None = None
+    with console.progress(case.model) as draw:
+
+        def report(progress: Progress) -> None:
+            if progress.steps == 0 and durations is None:
+                console.lines(duration_line(case, progress.phase_ends))
+            draw(progress)
+
+        try:
+            result = simulate(case, path=path, replace=replace, durations=durations, report=report)
+        except SolverError as error:
+            if error.result is None:
+                raise
+            result, stopped = error.result, error
+    console.lines("")
+    console.table(phase_table(result, case))
+    console.lines(*effort_lines(result), f"{time.perf_counter() - began:.1f} s, wrote {path}")
+    if stopped is not None:
+        raise SolverError(f"{stopped}\n{path}: holds the result until then, marked as partial") from None
+    return result

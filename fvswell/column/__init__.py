@@ -1,0 +1,1 @@
+"""A column: its laws, grid and balances, and Newton's method for many of them at once."""

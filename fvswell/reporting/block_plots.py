@@ -1,0 +1,228 @@
+"""Figures for print of blocks: histories of the probe, and fields on the grid as it moves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from fvswell.analysis.comparison import Comparison, local_strain, profile_at
+from fvswell.errors import OutputError
+from fvswell.physics.tissue import Array
+from fvswell.reporting.plots import (
+    LABEL_WIDTH,
+    MOST_COLUMNS,
+    PAGE_WIDTH,
+    axis_label,
+    draw_gaps,
+    draw_histories,
+    in_print_style,
+    line_styles,
+    nearest_model,
+    print_unit,
+    time_unit,
+)
+from fvswell.results.fields import FIELDS
+from fvswell.results.moved_grid import AXES, is_block, moved_nodes, quadrilaterals
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["all_blocks", "block_comparison_figure", "block_figure"]
+
+_HISTORY_HEIGHT = 2.0  # inches
+_TITLES_HEIGHT = 0.5
+_PANEL_SPACE = 0.16  # between rows of panels
+_BAR_WIDTH = 0.85  # colour bar with its numbers and label
+_TALLEST_PANEL = 2.6
+_MARGIN = 0.03  # of the width of the block, around it
+_FIELD_COLOURS, _DIFFERENCE_COLOURS = "viridis", "RdBu_r"
+
+
+def all_blocks(results: Mapping[str, xr.Dataset]) -> bool:
+    """Whether results are of blocks; False if they are of columns.
+
+    Raises
+    ------
+    OutputError
+        If there are some of each: they do not go into one figure.
+    """
+    blocks = [label for label, result in results.items() if is_block(result)]
+    if blocks and len(blocks) < len(results):
+        columns = [label for label in results if label not in blocks]
+        raise OutputError(f"blocks ({', '.join(blocks)}) and columns ({', '.join(columns)}) need figures of their own")
+    return bool(blocks)
+
+
+@in_print_style
+def block_figure(results: Mapping[str, xr.Dataset], times: Sequence[float], variables: Sequence[str]) -> Figure:
+    """Displacement of the probe against time, and a row of maps for each variable and result, a panel for each time.
+
+    Parameters
+    ----------
+    results
+        Results of blocks by label.
+    times
+        Times of the maps, s.
+    variables
+        Fields in cells or at nodes.
+    """
+    rows = [(name, label) for name in variables for label, result in results.items() if name in result]
+    limits = _limits(results, times)
+    columns = max(len(times), 1)
+    heights = [_HISTORY_HEIGHT] + [_panel_height(limits, columns)] * len(rows)
+    figure = Figure(figsize=(PAGE_WIDTH, sum(heights) + _TITLES_HEIGHT), layout="constrained")
+    parts = figure.subfigures(1 + bool(rows), 1, squeeze=False, height_ratios=_ratios(heights)[: 1 + bool(rows)])
+    top, below = parts[0, 0], parts[-1, 0]
+    lines = line_styles(results)
+    scale, unit = time_unit(results)
+    for axis, axes in zip(AXES, top.subplots(1, 2), strict=True):
+        draw_histories(axes, results, lines, f"probe_displacement_{axis}")
+        for at in times:
+            axes.axvline(at * scale, color="0.75", linewidth=0.6, zorder=0)
+        if axis == "y":
+            axes.legend().remove()
+    if not rows:
+        return figure
+    panels = below.subplots(len(rows), columns, squeeze=False, sharex=True, sharey=True)
+    for row, (name, label) in enumerate(rows):
+        colours = _colours(results, times, name)
+        for column, at in enumerate(times):
+            axes = panels[row, column]
+            _draw_field(axes, results[label], name, at, colours)
+            _frame(axes, limits)
+            axes.tick_params(left=column == 0, bottom=row == len(rows) - 1)
+            if row == 0:
+                axes.set_title(f"$t$ = {at * scale:.3g} {unit}")
+            if row == len(rows) - 1:
+                axes.set_xlabel("$x$ (mm)")
+        panels[row, 0].set_ylabel("$y$ (mm)" if len(results) == 1 else f"{label}\n$y$ (mm)")
+    for name in variables:
+        own = [row for row, (each, _) in enumerate(rows) if each == name]
+        if own:
+            bar = below.colorbar(
+                _colours(results, times, name), ax=list(panels[own].ravel()), pad=0.01, aspect=14 * len(own)
+            )
+            bar.set_label(fill(axis_label(name), LABEL_WIDTH))
+            bar.outline.set_linewidth(0.4)
+    return figure
+
+
+@in_print_style
+def block_comparison_figure(comparison: Comparison) -> Figure:
+    """Histories of the models, how far they are from the reference, and where in the block they differ most.
+
+    The maps are of the local strain of the nearest of the other models less that of the reference, at the time of the
+    largest difference of the histories.
+    """
+    results, lines = comparison.results, line_styles(comparison.results)
+    phases = comparison.phases[:MOST_COLUMNS]
+    nearest = [nearest_model(comparison, phase) for phase in phases]
+    base = comparison.results[comparison.reference]
+    limits = _limits({comparison.reference: base}, [each.time for each in nearest])
+    heights = [_HISTORY_HEIGHT, _panel_height(limits, len(phases)) + _TITLES_HEIGHT]
+    figure = Figure(figsize=(PAGE_WIDTH, sum(heights)), layout="constrained")
+    top, below = figure.subfigures(2, 1, squeeze=False, height_ratios=heights)[:, 0]
+    histories, gaps = top.subplots(1, 2)
+    draw_histories(histories, results, lines, comparison.quantity)
+    draw_gaps(gaps, comparison, lines)
+    scale, unit = time_unit(results)
+    differences = []
+    for each in nearest:
+        own, reference = (
+            profile_at(result["time"].values, local_strain(result), each.time) for result in (results[each.model], base)
+        )
+        differences.append(own - reference)
+    largest = max(float(np.nanmax(np.abs(difference))) for difference in differences) or 1.0
+    colours = ScalarMappable(Normalize(-largest, largest), _DIFFERENCE_COLOURS)
+    panels = below.subplots(1, len(phases), squeeze=False, sharex=True, sharey=True)[0]
+    for axes, each, difference in zip(panels, nearest, differences, strict=True):
+        _draw_cells(axes, base, difference, each.time, colours)
+        _frame(axes, limits)
+        axes.tick_params(left=axes is panels[0])
+        axes.set_title(f"{each.phase}, after {each.time_in_phase * scale:.3g} {unit}")
+        axes.set_xlabel("$x$ (mm)")
+    panels[0].set_ylabel("$y$ (mm)")
+    bar = below.colorbar(colours, ax=list(panels), pad=0.01)
+    bar.set_label(f"local strain of {nearest[0].model},\nless that of {comparison.reference}")
+    bar.outline.set_linewidth(0.4)
+    for letter, axes in zip("abcdef", (histories, gaps, *panels), strict=False):
+        axes.set_title(letter, loc="left", fontweight="bold")
+    return figure
+
+
+def _ratios(heights: Sequence[float]) -> list[float]:
+    return [heights[0], sum(heights[1:]) + _TITLES_HEIGHT]
+
+
+def _reached(result: xr.Dataset, at: float) -> bool:
+    return at <= float(result["time"][-1])
+
+
+def _limits(results: Mapping[str, xr.Dataset], times: Sequence[float]) -> Array:
+    """Least and largest coordinates of all that is drawn, ``(2 axes, 2)``, mm."""
+    drawn = [moved_nodes(result, at) for result in results.values() for at in [0.0, *times] if _reached(result, at)]
+    points = np.concatenate(drawn, axis=1)
+    margin = _MARGIN * np.ptp(points[0])
+    return np.stack([points.min(axis=1) - margin, points.max(axis=1) + margin], axis=1)
+
+
+def _panel_height(limits: Array, columns: int) -> float:
+    width, height = np.diff(limits, axis=1)[:, 0]
+    return float(min((PAGE_WIDTH - _BAR_WIDTH) / columns * height / width, _TALLEST_PANEL)) + _PANEL_SPACE
+
+
+def _colours(results: Mapping[str, xr.Dataset], times: Sequence[float], name: str) -> ScalarMappable:
+    """The scale of a variable, the same for all times and results."""
+    values = np.concatenate(
+        [
+            profile_at(result["time"].values, result[name].values, at)
+            for result in results.values()
+            if name in result
+            for at in times
+            if _reached(result, at)
+        ]
+        or [np.zeros(1)]
+    )
+    factor = print_unit(name)[0]
+    return ScalarMappable(Normalize(factor * values.min(), factor * values.max()), _FIELD_COLOURS)
+
+
+def _frame(axes: Axes, limits: Array) -> None:
+    axes.set(xlim=limits[0], ylim=limits[1], aspect="equal")
+    axes.spines[["left", "bottom"]].set_visible(False)
+    axes.tick_params(length=2.0)
+
+
+def _draw_field(axes: Axes, result: xr.Dataset, name: str, at: float, colours: ScalarMappable) -> None:
+    if not _reached(result, at):
+        return
+    values = profile_at(result["time"].values, result[name].values, at) * print_unit(name)[0]
+    if FIELDS[name].location == "node":
+        values = values[quadrilaterals(result)].mean(axis=1)
+    _draw_cells(axes, result, values, at, colours)
+
+
+def _draw_cells(axes: Axes, result: xr.Dataset, values: Array, at: float, colours: ScalarMappable) -> None:
+    """Fill the cells where they are, and draw the outline of the block there and at rest."""
+    cells = quadrilaterals(result)
+    corners = moved_nodes(result, at).T[cells]
+    style: dict[str, Any] = {"facecolors": colours.to_rgba(values), "edgecolors": "face", "linewidths": 0.1}
+    axes.add_collection(PolyCollection(list(corners), rasterized=True, **style))
+    for time, color in ((0.0, "0.55"), (at, "black")):
+        edges = moved_nodes(result, time).T[_boundary(cells)]
+        axes.add_collection(LineCollection(list(edges), colors=color, linewidths=0.7, capstyle="round"))
+
+
+def _boundary(cells: Array) -> Array:
+    """Pairs of nodes of the edges that belong to one cell only, ``(edges, 2)``."""
+    edges = np.sort(np.stack([cells, np.roll(cells, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+    unique, counts = np.unique(edges, axis=0, return_counts=True)
+    return unique[counts == 1]

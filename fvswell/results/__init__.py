@@ -1,0 +1,1 @@
+"""Result files: fields and their metadata, writing, reading, where they come from, other formats."""

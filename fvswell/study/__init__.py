@@ -1,0 +1,1 @@
+"""Studies: thousands of columns, from a table of parameters to one result."""
