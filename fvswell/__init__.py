@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -10,6 +11,8 @@ if TYPE_CHECKING:
     from fvswell.errors import OutputError, SolverError
     from fvswell.results.file import read_result
     from fvswell.simulation.run import run
+
+os.environ.setdefault("FIPY_SOLVERS", "scipy")  # FiPy chooses its solvers when it is imported
 
 __version__ = "0.1.0"
 

@@ -11,13 +11,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from fipy import Grid2D
+from fipy.meshes.mesh2D import Mesh2D
 
 from fvswell.block.geometry import SECTIONS, Section, polygon_volume
-from fvswell.column.grid import graded_widths  # also chooses FiPy's solvers, before FiPy is imported
+from fvswell.column.grid import graded_widths
 from fvswell.physics.tissue import Array
-
-from fipy import Grid2D  # isort: skip
-from fipy.meshes.mesh2D import Mesh2D  # isort: skip
 
 __all__ = ["EDGES", "BlockGrid", "block_grid", "graded_nodes", "shaped_block_grid"]
 

@@ -21,10 +21,9 @@ from fvswell.block.diamonds import Diamonds
 from fvswell.block.geometry import diamond_metric, polygon_volume
 from fvswell.block.grid import BlockGrid
 from fvswell.numerics.differentiation import local_derivative
+from fvswell.numerics.newton_term import NewtonSystem, NewtonTerm
 from fvswell.physics.models import Mixture, PointState
 from fvswell.physics.tissue import Array
-
-from fipy.terms.unaryTerm import _UnaryTerm  # isort: skip  (after block_grid, which chooses FiPy's solvers)
 
 __all__ = ["BlockBalance", "BlockInterval", "BlockTransportTerm", "FaceState", "TransportDerivatives", "at_points"]
 
@@ -76,7 +75,7 @@ def at_points(mixture: Mixture, index: Array) -> Mixture:
     return replace(mixture, tissue=mixture.tissue.points(index), open_circuit_ratio=ratio)
 
 
-class BlockTransportTerm(_UnaryTerm):
+class BlockTransportTerm(NewtonTerm):
     """The coupled balances of a block.
 
     The solver calls `balance` and `derivatives`. With a variable, positions of the vertices and an interval set
@@ -179,26 +178,15 @@ class BlockTransportTerm(_UnaryTerm):
             return np.full((1, len(self.diamonds.faces)), np.log(bath_concentration))
         return (self.diamonds.mean @ potentials[1, 0] + self.diamonds.across_outside @ bath[1])[None]
 
-    def _buildMatrix(  # FiPy's name
-        self,
-        var: Any,
-        SparseMatrix: Any,
-        boundaryConditions: Any = (),
-        dt: Any = None,
-        transientGeomCoeff: Any = None,
-        diffusionGeomCoeff: Any = None,
-    ) -> tuple[Any, Any, Array]:
-        """FiPy's hook: the matrix of a Newton step, and the right side that makes its solution the new state."""
+    def newton_system(self, unknowns: Array) -> NewtonSystem:
+        """Jacobian and residual at the potentials, on the grid as it stands."""
         if self.interval is None or self.positions is None:
             raise ValueError("bind the term to a variable, positions and an interval before FiPy builds its matrix")
-        potentials = np.array(var.value).reshape(len(self.cells.model.balances), 1, -1)
         corners = self.positions[:, self.grid.cell_vertices]
         J = (polygon_volume(self.grid.section, *corners) / self.grid.volumes)[None]
-        balance = self.balance(potentials, self.positions, J, self.interval)
+        balance = self.balance(unknowns, self.positions, J, self.interval)
         entries = self.potential_jacobian(self.derivatives(self.positions, balance), self.interval.duration)
-        matrix = SparseMatrix(mesh=var.mesh)
-        matrix.addAt(entries.data, entries.row, entries.col)
-        return var, matrix, matrix * potentials.ravel() - balance.residual.ravel()
+        return NewtonSystem(entries.data, entries.row, entries.col, balance.residual)
 
     def potential_jacobian(self, by: TransportDerivatives, duration: float) -> sparse.coo_array:
         """Derivative of the balances by the potentials on the grid as it stands."""
@@ -218,8 +206,3 @@ class BlockTransportTerm(_UnaryTerm):
     def _flux_jacobian(self, by: TransportDerivatives, balance: int, potential: int) -> sparse.csr_array:
         across, along = (sparse.diags_array(part[balance, potential]) for part in (by.across, by.along))
         return (across @ self.diamonds.across + along @ self.diamonds.along).tocsr()
-
-    def _getDefaultSolver(self, var: Any, solver: Any, *args: Any, **kwargs: Any) -> Any:
-        from fipy import LinearLUSolver
-
-        return solver or LinearLUSolver(tolerance=1e-14)  # the default skips small steps silently

@@ -21,6 +21,7 @@ from fvswell.case.checks import check_case
 from fvswell.case.errors import CaseError, Problem, nearest_name, shown
 from fvswell.case.reading import read_tables
 from fvswell.case.schema import BLOCK_GEOMETRIES, GEOMETRIES, MODELS, CaseTable
+from fvswell.case.toml_file import file_text, toml_content
 from fvswell.physics.tissue import Array, Tissue
 
 __all__ = ["MODELS", "BlockCase", "Case", "CaseError", "load_case", "parse_setting", "starter_text"]
@@ -53,11 +54,7 @@ class Case(CaseTable):
         CaseError
             With every problem that the text has.
         """
-        try:
-            content = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise CaseError([Problem("", "", f"cannot be read as TOML: {error}")], source) from None
-        return cls._from_content(content, source)
+        return cls._from_content(toml_content(text, source), source)
 
     @classmethod
     def _from_content(cls, content: Mapping[str, Any], source: str) -> Case:
@@ -149,18 +146,7 @@ def load_case(path: str | PathLike[str]) -> Case:
     CaseError
         If the file cannot be read, or with every problem that it has.
     """
-    file = Path(path)
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        message = f"no such file{_similar_file(file)}"
-    except OSError as error:
-        message = f"cannot be read: {error.strerror}"
-    except UnicodeDecodeError as error:
-        message = f"is not UTF-8 text: {error.reason} at byte {error.start}"
-    else:
-        return Case.from_toml(text, str(file))
-    raise CaseError([Problem("", "", message)], str(file))
+    return Case.from_toml(file_text(Path(path)), str(path))
 
 
 def parse_setting(setting: str) -> tuple[str, Any]:
@@ -186,9 +172,3 @@ def parse_setting(setting: str) -> tuple[str, Any]:
 def starter_text() -> str:
     """A commented case file to begin with."""
     return resources.files(__package__).joinpath("starter_case.toml").read_text(encoding="utf-8")
-
-
-def _similar_file(file: Path) -> str:
-    names = [other.name for other in file.parent.glob("*.toml")] if file.parent.is_dir() else []
-    near = nearest_name(file.name, names)
-    return f"; did you mean {file.with_name(near)}?" if near else ""

@@ -9,16 +9,12 @@ FiPy's private arrays are read in this module only.
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 
 import numpy as np
+from fipy import Grid1D
 
 from fvswell.physics.tissue import Array
-
-os.environ.setdefault("FIPY_SOLVERS", "scipy")  # FiPy chooses its solvers when it is imported
-
-from fipy import Grid1D
 
 __all__ = ["ColumnGrid", "column_grid", "graded_widths"]
 

@@ -16,12 +16,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-
-from fvswell.column.linearisation import NewtonStep
-from fvswell.column.transport_term import Balance, CoupledTransportTerm, Interval
-from fvswell.physics.tissue import Array
-
-from fipy import (  # isort: skip  (after fvswell.column.transport_term, which chooses FiPy's solvers)
+from fipy import (
     CellVariable,
     CentralDifferenceConvectionTerm,
     DiffusionTerm,
@@ -29,7 +24,11 @@ from fipy import (  # isort: skip  (after fvswell.column.transport_term, which c
     ImplicitSourceTerm,
     TransientTerm,
 )
-from fipy.solvers.scipy import LinearLUSolver  # isort: skip
+from fipy.solvers.scipy import LinearLUSolver
+
+from fvswell.column.linearisation import NewtonStep
+from fvswell.column.transport_term import Balance, CoupledTransportTerm, Interval
+from fvswell.physics.tissue import Array
 
 __all__ = ["StockTermsTransport"]
 

@@ -17,10 +17,9 @@ import numpy as np
 from fvswell.column.column import Column, Loads
 from fvswell.column.grid import ColumnGrid
 from fvswell.column.linearisation import Linearisation, NewtonStep, cell_blocks, newton_step
+from fvswell.numerics.newton_term import NewtonSystem, NewtonTerm
 from fvswell.physics.models import PointState
 from fvswell.physics.tissue import Array
-
-from fipy.terms.unaryTerm import _UnaryTerm  # isort: skip  (after fvswell.column.grid, which chooses FiPy's solvers)
 
 __all__ = ["Balance", "CoupledTransportTerm", "Interval"]
 
@@ -73,7 +72,7 @@ class Balance(NamedTuple):
                     values[index] = own
 
 
-class CoupledTransportTerm(_UnaryTerm):
+class CoupledTransportTerm(NewtonTerm):
     """The coupled balances of a batch of columns on one grid.
 
     The solver calls `balance` and `linearise`. With a variable and an interval (`bind`), the term is also an ordinary
@@ -152,29 +151,13 @@ class CoupledTransportTerm(_UnaryTerm):
             return self.grid.lower_weight, self.grid.upper_weight
         return self.grid.inner_half, self.grid.inner_half
 
-    def _buildMatrix(
-        self,
-        var: Any,
-        SparseMatrix: Any,
-        boundaryConditions: Any = (),
-        dt: Any = None,
-        transientGeomCoeff: Any = None,
-        diffusionGeomCoeff: Any = None,
-    ) -> tuple[Any, Any, Array]:
-        """FiPy's hook: the matrix of a Newton step, and the right side that makes its solution the new state."""
+    def newton_system(self, unknowns: Array) -> NewtonSystem:
+        """Jacobian and residual of a batch of one row."""
         if self.interval is None:
             raise ValueError("bind the term to a variable and an interval before FiPy builds its matrix")
-        unknowns = np.array(var.value).reshape(len(self.laws.balances), 1, -1)
         balance = self.balance(unknowns, self.interval)
         blocks = cell_blocks(self.grid.widths, self.interval.duration, self.linearise(balance))
-        matrix = SparseMatrix(mesh=var.mesh)
-        matrix.addAt(*_entries(blocks))
-        return var, matrix, matrix * unknowns.ravel() - balance.residual.ravel()
-
-    def _getDefaultSolver(self, var: Any, solver: Any, *args: Any, **kwargs: Any) -> Any:
-        from fipy import LinearLUSolver
-
-        return solver or LinearLUSolver(tolerance=1e-14)  # the default skips small steps silently
+        return NewtonSystem(*_entries(blocks), balance.residual)
 
 
 def _entries(blocks: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:

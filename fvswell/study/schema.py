@@ -16,7 +16,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from fvswell.case.errors import nearest_name, shown
 from fvswell.case.reading import value_type
 from fvswell.case.schema import MODELS, CaseTable, Table, inner_tables, is_array
-from fvswell.case.values import Choice, Count, Load, Name, Quantity, Text, ValueType
+from fvswell.case.values import Choice, Count, Flag, Load, Name, Quantity, Text, ValueType
 
 __all__ = [
     "SAMPLINGS", "Combinations", "Design", "Grid", "OneAtATime", "Parameter", "Protocol", "StudyTable",
@@ -26,18 +26,6 @@ __all__ = [
 SAMPLINGS = ("sobol", "latin-hypercube", "halton", "random")
 
 _PHASE = "phase"
-
-
-@dataclass(frozen=True)
-class Flag(ValueType):
-    """Yes or no."""
-
-    allowed = "true or false"
-
-    def _read(self, value: Any) -> bool:
-        if not isinstance(value, bool):
-            raise ValueError(f"must be {self.allowed}")
-        return value
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ import tomli_w
 from fvswell.case.case import Case, load_case
 from fvswell.case.errors import CaseError, Problem, shown
 from fvswell.case.reading import read_tables
+from fvswell.case.toml_file import file_text, toml_content
 from fvswell.physics.tissue import Array
 from fvswell.study.checks import check_study
 from fvswell.study.runs import Runs, expand
@@ -71,11 +72,7 @@ class Study:
         CaseError
             With every problem that the text has; only if there is none, with the parameter sets that cannot be.
         """
-        try:
-            content = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise CaseError([Problem("", "", f"cannot be read as TOML: {error}")], source) from None
-        content, cases, problems = _with_whole_cases(content, directory or Path())
+        content, cases, problems = _with_whole_cases(toml_content(text, source), directory or Path())
         try:
             table = read_tables(StudyTable, content, source, lambda table: check_study(table, cases))
         except CaseError as error:
@@ -133,17 +130,7 @@ def load_study(path: str | PathLike[str]) -> Study:
         If the file cannot be read, or with every problem that it has.
     """
     file = Path(path)
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        message = "no such file"
-    except OSError as error:
-        message = f"cannot be read: {error.strerror}"
-    except UnicodeDecodeError as error:
-        message = f"is not UTF-8 text: {error.reason} at byte {error.start}"
-    else:
-        return Study.from_toml(text, str(file), file.parent)
-    raise CaseError([Problem("", "", message)], str(file))
+    return Study.from_toml(file_text(file), str(file), file.parent)
 
 
 def _with_whole_cases(
