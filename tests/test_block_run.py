@@ -16,7 +16,9 @@ from fvswell.analysis.comparison import compare
 from fvswell.case.case import MODELS, BlockCase, Case, load_case
 from fvswell.cli.main import app
 from fvswell.errors import SolverError
+from fvswell.physics.solid import aggregate_modulus
 from fvswell.results.file import COMPLETE, read_result
+from fvswell.simulation.block_run import BlockRun
 from fvswell.simulation.run import Progress, run
 
 
@@ -198,3 +200,41 @@ def test_disc_relaxes_from_the_stress_of_an_incompressible_body_to_that_of_its_s
     np.testing.assert_allclose(volume[-1], volume[-1].mean(), rtol=1e-3)
     bulging = result["probe_displacement_x"].values
     assert bulging.max() > bulging[-1] > 0.0  # it bulges, and then gives water away
+
+
+def test_failures_are_placed_at_vertices_or_cells() -> None:
+    body = BlockRun(small_block())
+    x, y = body.grid.vertices[:, -1]
+    assert body.place("momentum", body.grid.vertices.shape[1] - 1) == f"x = {x:.3g} mm, y = {y:.3g} mm"
+    x, y = body.grid.centres[:, 3]
+    assert body.place("volume", 3) == f"x = {x:.3g} mm, y = {y:.3g} mm"
+
+
+def test_loads_go_on_in_phases_that_do_not_name_them() -> None:
+    """The second phase names the bath alone: the plate's pressure stays."""
+    result = run(
+        small_block(
+            phase__swelling__top={"pressure": {"ramp_to": 0.05, "over": 50.0}}, phase__compression__top=None,
+            phase__compression__bath_concentration=1.5e-4,
+        ),
+        "biphasic-swelling",
+    )  # fmt: skip
+    np.testing.assert_allclose(result["top_pressure"][1:], 0.05, rtol=1e-12)
+
+
+def test_tolerance_of_steps_is_relative_to_the_strain_that_each_load_brings() -> None:
+    moved = small_block(
+        model="biphasic", phase__compression__top={"displacement": {"ramp_to": -0.5, "over": 50.0}},
+        phase__swelling__bath_concentration=None,
+    )  # fmt: skip
+    assert BlockRun(moved).largest_strain()[0] == pytest.approx(0.1, rel=1e-12)  # of a height of 5 mm
+    aside = small_block(
+        model="biphasic", geometry__edges__right__displacement="tied", geometry__edges__bottom__displacement="roller",
+        geometry__edges__top__displacement="free", phase__swelling__bath_concentration=None,
+        phase__compression__top={"pressure": 0.0},
+        phase__compression__right={"displacement": {"ramp_to": -0.5, "over": 50.0}},
+    )  # fmt: skip
+    assert BlockRun(aside).largest_strain()[0] == pytest.approx(0.05, rel=1e-12)  # of a width of 10 mm
+    pressed = small_block(model="biphasic", phase__compression__top={"pressure": 0.01})
+    modulus = float(aggregate_modulus(BlockRun(pressed).tissue).max())
+    assert BlockRun(pressed).largest_strain()[0] == pytest.approx(0.01 / modulus, rel=0.02)

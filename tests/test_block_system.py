@@ -361,3 +361,14 @@ def test_parts_of_ion_fluxes(kind: str) -> None:
         gaps.append(np.sqrt(((found - expected) ** 2).mean()) / scale)
     assert gaps[0] > 1.8 * gaps[1] > 1.8**2 * gaps[2], gaps
     assert gaps[2] < 0.01
+
+
+@by_kind
+@pytest.mark.parametrize("drive", ["force", "pressure"])
+def test_reaction_of_a_tied_edge_is_its_own_beside_a_loaded_neighbour(kind: str, drive: str) -> None:
+    system = block_system(rough_grid(kind), UNCONFINED, BIPHASIC)
+    start = equilibrated_state(system, BATH)
+    prescribed = {"bath": np.array([BATH]), f"top.{drive}": np.array([0.2]), "right.pressure": np.array([0.1])}
+    done = system.solve(start.unknowns, start.loads, Stage(start.contents, np.array([100.0]), prescribed))
+    assert done.converged.all()
+    assert done.loads[f"top.{drive}"] == pytest.approx(0.2, rel=1e-10)

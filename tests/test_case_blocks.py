@@ -81,3 +81,23 @@ def test_command_line_refuses_with_code_2(tmp_path: Path) -> None:
 def test_case_of_a_block_survives_writing() -> None:
     case = Case.from_toml(TEXT)
     assert Case.from_toml(case.to_toml()) == case
+
+
+def test_ramps_of_edges_that_outlast_their_phase_are_refused() -> None:
+    told = problems(phase__compression__top={"pressure": {"ramp_to": 0.1, "over": 3e4}})
+    assert "phase[compression].top.pressure" in told
+    assert "over: 30000 s is longer than the phase, 20000 s" in told
+
+
+def test_edges_that_would_be_moved_through_the_block_are_refused() -> None:
+    told = problems(phase__compression__top={"displacement": {"ramp_to": -9.0, "over": 100.0}})
+    assert "phase[compression].top.displacement" in told
+    assert "moves the edge through the block, which is less than" in told
+
+
+def test_charge_that_peaks_between_even_points_is_seen() -> None:
+    """All knots of a profile are looked at: the osmotic coefficient must stay above 0 at each."""
+    peak = {"x": [0.0, 4.99, 4.991, 4.992, 10.0], "y": [0.0], "value": [[2e-4, 2e-4, 1e-2, 2e-4, 2e-4]]}
+    told = problems(tissue__fixed_charge_density=peak, tissue__osmotic_coefficient=None,
+                    tissue__osmotic_coefficient_per_charge=500.0)  # fmt: skip
+    assert "osmotic_coefficient_per_charge" in told

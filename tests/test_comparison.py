@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from small_blocks import small_block
 from small_cases import small_compression, small_swelling
 
 import fvswell
@@ -24,6 +25,7 @@ from fvswell.analysis.comparison import (
     with_models,
 )
 from fvswell.case.case import MODELS, CaseError
+from fvswell.errors import OutputError
 
 TIMES = np.array([0.0, 1.0, 2.0, 4.0, 6.0])
 
@@ -251,3 +253,13 @@ def test_salt_is_as_fast_as_in_water_without_charge_and_as_its_co_ion_with_much(
     charged = characteristics(small_compression(tissue__fixed_charge_density="20 M"))
     height = 0.5 * charged.rest["electrochemical"].initial_stretch
     assert height**2 / charged.diffusion_time == pytest.approx(8e-4, rel=1e-2)
+
+
+def test_nothing_to_explain_has_no_r_squared(tmp_path: Path) -> None:
+    """A phase in which nothing happens: what differs is rounding."""
+    comparison = compare(small_block(phase__swelling__bath_concentration=1.5e-4))
+    for each in comparison.of_phase("swelling"):
+        assert np.isnan(each.r_squared)
+        assert np.isnan(each.local_strain_ratio)
+    with pytest.raises(OutputError, match="cannot be written"):
+        comparison.write_csv(tmp_path)

@@ -88,3 +88,13 @@ def test_fit_by_the_command_line(tmp_path: Path) -> None:
     again = CliRunner().invoke(app, command)
     assert again.exit_code == 2
     assert "is there already; use --force" in again.stderr
+
+
+def test_a_phase_without_change_is_nothing_to_fit() -> None:
+    with pytest.raises(CaseError, match="does not change in it: there is nothing to fit"):
+        fit(small_block(phase__swelling__bath_concentration=1.5e-4), phases=["swelling"])
+
+
+def test_limits_that_are_not_given_keep_within_bounds() -> None:
+    low, high = fit_problem(small_block(), "poisson_ratio", "electrochemical").limits
+    assert 0.0 < low < 0.3 < high < 0.5

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from columns import compression
 
-from fvswell.numerics.protocol import Drive, Protocol
+from fvswell.numerics.protocol import Drive, Protocol, output_times, phase_targets
 from fvswell.simulation.column_batch import ColumnBatch
 
 ROWS = np.arange(2)
@@ -71,3 +71,16 @@ def test_case_becomes_a_protocol() -> None:
     np.testing.assert_array_equal(drives["bath"].over, [[0.0, 0.0, 9.0]])
     hits = [sorted(set(targets[0][(targets[0] > 0) & np.isfinite(targets[0])])) for targets in protocol.targets]
     assert hits == [[1.0, 4.0, 10.0], [5.0, 7.0, 20.0], [9.0, 30.0]]
+
+
+def test_output_times_at_the_ends_of_phases_belong_to_the_phase_that_ends() -> None:
+    """0.7 + 0.1 is not 0.8 in binary, but it is the end of the second phase."""
+    duration = np.array([[0.7, 0.1, 1.0]])
+    told = [output_times([0.7, 0.8, 1.8], duration, phase)[0] for phase in range(3)]
+    np.testing.assert_array_equal(told, [[0.7, np.inf, np.inf], [np.inf, 0.1, np.inf], [np.inf, np.inf, 1.0]])
+
+
+def test_targets_that_differ_by_rounding_are_one() -> None:
+    (targets,) = phase_targets(np.array([[0.6]]), [], 6, [0.1, 0.3, 0.35])
+    np.testing.assert_allclose(targets[0, :7], [0.1, 0.2, 0.3, 0.35, 0.4, 0.5, 0.6], rtol=1e-12)
+    assert np.isinf(targets[0, 7:]).all()

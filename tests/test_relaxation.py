@@ -7,6 +7,7 @@ import pytest
 from columns import CASES, compression, single_phase
 
 import fvswell
+from fvswell import SolverError
 from fvswell.exact.linear_swelling import LinearColumn
 from fvswell.physics.models import BIPHASIC_SWELLING
 from fvswell.simulation.column_batch import ColumnBatch
@@ -68,3 +69,14 @@ def test_all_models_run_for_the_time_of_the_one() -> None:
     )
     ends = [fvswell.run(case, model)["phase_end"].values for model in ("biphasic", "electrochemical")]
     np.testing.assert_array_equal(*ends)
+
+
+def test_a_ramp_longer_than_the_phase_found_is_refused() -> None:
+    case = compression(
+        phase__loading__duration="0.01 relaxation times",
+        phase__loading__piston_pressure={"ramp_to": 0.1, "over": 5000.0},
+    )
+    with pytest.raises(SolverError, match=r"the ramp of piston_pressure, 5000 s, is longer than the phase, 0.01 relax"):
+        fvswell.run(case)
+    with pytest.raises(SolverError, match="longer than the phase"):
+        fvswell.compare(case)

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -22,13 +22,10 @@ from fvswell.case.case import MODELS, BlockCase, Case, CaseError
 from fvswell.case.errors import Problem
 from fvswell.case.schema import STEPS_PER_PHASE
 from fvswell.physics.tissue import Array
-from fvswell.prediction.predictor import coefficient_of_determination
+from fvswell.prediction.predictor import NO_VARIATION, coefficient_of_determination
 from fvswell.results.moved_grid import AXES, is_block
-from fvswell.simulation.relaxation import phase_durations
+from fvswell.results.table import write_table
 from fvswell.simulation.run import run
-
-if TYPE_CHECKING:
-    from fvswell.case.block_schema import BlockPhase
 
 __all__ = [
     "BlockDifference",
@@ -42,6 +39,7 @@ __all__ = [
     "history_at",
     "local_strain",
     "phase_histories",
+    "phase_lengths",
     "profile_at",
     "reference_model",
     "with_models",
@@ -121,10 +119,9 @@ class Comparison:
         return [asdict(difference) | {"reference": self.reference} for difference in self.differences]
 
     def write_csv(self, path: Path) -> None:
-        """Write the table as text with commas, in internal units."""
+        """Write the table as text with commas, in internal units; raises OutputError if that fails."""
         rows = self.table()
-        lines = [",".join(rows[0]), *(",".join(f"{value}" for value in row.values()) for row in rows)]
-        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        write_table(path, rows[0], [list(row.values()) for row in rows])
 
 
 def compare(case: Case, models: Sequence[str] = MODELS) -> Comparison:
@@ -144,9 +141,18 @@ def compare(case: Case, models: Sequence[str] = MODELS) -> Comparison:
     SolverError
         If a run had to stop.
     """
-    cases = with_models(case, models)
-    durations = phase_durations([case])[0]
-    return compare_results({model: run(each, durations=durations) for model, each in cases.items()})
+    results: dict[str, xr.Dataset] = {}
+    durations = None
+    for model, each in with_models(case, models).items():
+        results[model] = run(each, durations=durations)
+        durations = phase_lengths(results[model])
+    return compare_results(results)
+
+
+def phase_lengths(result: xr.Dataset) -> list[float]:
+    """Durations of the phases of a result, s."""
+    lengths: list[float] = np.diff(result["phase_end"].values, prepend=0.0).tolist()
+    return lengths
 
 
 def with_models(case: Case, models: Sequence[str]) -> dict[str, Case]:
@@ -230,22 +236,13 @@ def compared_quantities(case: Case, result: xr.Dataset) -> list[str]:
         return ["global_strain" if phase.piston_displacement is None else "applied_pressure" for phase in case.phase]
     names = [f"probe_displacement_{axis}" for axis in AXES]
     probe = max(names, key=lambda name: float(np.ptp(result[name].values)))
-    quantities, moved_edge = [], None
+    quantities, moved = [], set[str]()
     for phase in case.phase:
-        moved_edge = _moved_edge(phase, moved_edge)
-        quantities.append(probe if moved_edge is None else f"{moved_edge}_pressure")
+        for edge in EDGES:
+            if (load := getattr(phase, edge)) is not None:
+                moved = moved - {edge} if load.displacement is None else moved | {edge}
+        quantities.append(next((f"{edge}_pressure" for edge in EDGES if edge in moved), probe))
     return quantities
-
-
-def _moved_edge(phase: BlockPhase, before: str | None) -> str | None:
-    """The edge whose displacement is prescribed in a phase, if any; one that is not named goes on."""
-    for edge in EDGES:
-        load = getattr(phase, edge)
-        if load is not None and load.displacement is not None:
-            return edge
-        if load is not None and edge == before:
-            return None
-    return before
 
 
 def phase_histories(
@@ -262,7 +259,7 @@ def _local_difference(result: xr.Dataset, base: xr.Dataset, time: float) -> tupl
     own, reference = (profile_at(r["time"].values, local_strain(r), time) for r in (result, base))
     cell = int(np.argmax(np.abs(own - reference)))
     gap, whole = float(own[cell] - reference[cell]), float(reference[cell])
-    return cell, {"local_strain": gap, "local_strain_ratio": abs(gap / whole) if whole else np.nan}
+    return cell, {"local_strain": gap, "local_strain_ratio": abs(gap / whole) if abs(whole) > NO_VARIATION else np.nan}
 
 
 def common_times(times: Sequence[Array], start: float, end: float) -> Array:

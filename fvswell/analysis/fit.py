@@ -25,7 +25,8 @@ from fvswell.case.errors import Problem, nearest_name
 from fvswell.case.reading import value_type
 from fvswell.case.values import Quantity
 from fvswell.errors import SolverError
-from fvswell.prediction.predictor import coefficient_of_determination
+from fvswell.prediction.predictor import NO_VARIATION, coefficient_of_determination
+from fvswell.results.table import write_table
 from fvswell.simulation.run import Progress, run
 
 __all__ = ["FITTED_MODEL", "PAPER_REDUCTION", "Fit", "FitProblem", "Trial", "fit", "fit_problem", "run_fit"]
@@ -102,11 +103,9 @@ class Fit:
         return any(abs(math.log(self.best.value / limit)) < _AT_LIMIT for limit in self.problem.limits)
 
     def write_csv(self, path: Path) -> None:
-        """Write the trials as text with commas, in internal units."""
+        """Write the trials as text with commas, in internal units; raises OutputError if that fails."""
         names = ["run", self.problem.parameter, *(f"r_squared {phase}" for phase in self.problem.phases)]
-        rows = [(trial.run, trial.value, *trial.r_squared) for trial in self.trials]
-        lines = [",".join(names), *(",".join(f"{value}" for value in row) for row in rows)]
-        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        write_table(path, names, [(trial.run, trial.value, *trial.r_squared) for trial in self.trials])
 
 
 def fit(
@@ -203,6 +202,8 @@ def run_fit(
 
     Raises
     ------
+    CaseError
+        If nothing changes in a phase that counts.
     SolverError
         If a run had to stop.
     """
@@ -212,6 +213,11 @@ def run_fit(
     spans = dict(zip([phase.name for phase in problem.case.phase], pairwise(ends), strict=True))
     quantities = compared_quantities(problem.case, reference)
     compared = dict(zip(spans, quantities, strict=True))
+    for phase in problem.phases:
+        _, histories = phase_histories({"data": reference}, compared[phase], *spans[phase])
+        if np.ptp(histories["data"]) <= NO_VARIATION:
+            told = f"{compared[phase]} does not change in it: there is nothing to fit"
+            raise CaseError([Problem("phases", phase, told)], problem.case.source)
     trials: list[Trial] = []
 
     def attempt(value: float) -> xr.Dataset:
@@ -262,12 +268,13 @@ def _limits(
     present = getattr(case.tissue, parameter)
     if not isinstance(present, float) or not present > 0.0:
         return nowhere, [Problem("parameter", parameter, "must be given in the case, as one number above 0")]
-    if limits is None:
-        return (present / _FACTOR, present * _FACTOR), []
-    if len(limits) != 2:
-        return nowhere, [Problem("between", ", ".join(map(str, limits)), "must be two values")]
     reader = value_type(type(case.tissue).model_fields[parameter])
     assert isinstance(reader, Quantity)
+    if limits is None:
+        highest = min(bound for bound in (reader.below, reader.at_most, math.inf) if bound is not None)
+        return (present / _FACTOR, min(present * _FACTOR, 0.5 * (present + highest))), []
+    if len(limits) != 2:
+        return nowhere, [Problem("between", ", ".join(map(str, limits)), "must be two values")]
     values, problems = [], []
     for limit in limits:
         try:

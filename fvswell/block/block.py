@@ -152,9 +152,15 @@ class Block:
         vectors = edge_area_vectors(self.grid.section, positions[:, self.grid.face_vertices])
         return np.array([_OUTWARD[edge] * vectors[EDGE_AXIS[edge], self.grid.edges[edge]].sum() for edge in EDGES])
 
-    def tied_edge_forces(self, state: BlockState) -> dict[str, float]:
-        """Forces that press on the tied edges, positive in compression."""
-        return {edge: -_OUTWARD[edge] * state.internal_forces[i] for edge, i in self.freedoms.of_tied_edge.items()}
+    def tied_edge_forces(self, state: BlockState, loads: EdgeLoads) -> dict[str, float]:
+        """Forces that press on the tied edges, positive in compression, without the pressures on their neighbours."""
+        forces = {}
+        for edge, index in self.freedoms.of_tied_edge.items():
+            others = np.where(np.array(EDGES) == edge, 0.0, loads.pressure)
+            forces[edge] = -_OUTWARD[edge] * (
+                state.internal_forces[index] - self._pressure_forces(state.positions, others)[index]
+            )
+        return forces
 
     @cached_property
     def length_scale(self) -> float:
@@ -210,12 +216,16 @@ class Block:
         )
 
     def _external_forces(self, unknowns: Array, positions: Array, loads: EdgeLoads) -> Array:
-        ends = positions[:, self.grid.face_vertices[:, self.edge_faces]]
-        forces = loads.pressure[self.edge_of_face] * edge_pressure_forces(self.grid.section, ends)
-        external = self.gather_ends @ forces.ravel()
+        external = self._pressure_forces(positions, loads.pressure)
         for edge, index in self.freedoms.of_tied_edge.items():
             external[index] -= _OUTWARD[edge] * loads.force[EDGES.index(edge)]
         return external
+
+    def _pressure_forces(self, positions: Array, pressure: Array) -> Array:
+        """Forces of the pressures on the edges, ``(4,)``, that act along the displacements."""
+        ends = positions[:, self.grid.face_vertices[:, self.edge_faces]]
+        forces = pressure[self.edge_of_face] * edge_pressure_forces(self.grid.section, ends)
+        return self.gather_ends @ forces.ravel()
 
     def _admissible(self, F: Array, J: Array, balance: BlockBalance) -> bool:
         upright = (F[0] * F[3] > F[1] * F[2]).all() and (F[4] > 0.0).all()

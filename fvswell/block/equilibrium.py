@@ -126,11 +126,11 @@ def _balance_forces(block: Block, unknowns: Array, bath_concentration: float) ->
         return state, state.residual[:number] / scale
 
     def factorise(state: BlockState) -> Callable[[Array], Array]:
-        solve = solver.factorise(block.jacobian(state, interval, unloaded)[entries])
+        factors = solver.factorise(block.jacobian(state, interval, unloaded)[entries])
 
         def step(residual: Array) -> Array:
             change = np.zeros_like(start)
-            change[:number] = -solve(residual * scale)
+            change[:number] = -factors.solve(residual * scale)
             return change
 
         return step

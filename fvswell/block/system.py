@@ -101,8 +101,8 @@ class BlockSystem:
             return state, state.residual / scale
 
         def factorise(state: BlockState) -> Callable[[Array], Array]:
-            solve = block.solver.factorise(block.jacobian(state, interval, driven) * entry_scale)
-            return lambda residual: -unknown_scale * solve(residual)
+            factors = block.solver.factorise(block.jacobian(state, interval, driven) * entry_scale)
+            return lambda residual: -unknown_scale * factors.solve(residual)
 
         return newton(unknowns, evaluate, factorise, lambda change: float(np.abs(change / unknown_scale).max()))
 
@@ -137,7 +137,7 @@ def loads_found(
     for edge, pressure in zip(EDGES, driven.pressure, strict=True):
         found[f"{edge}.pressure"] = pressure
     areas = dict(zip(EDGES, block.edge_areas(state.positions), strict=True))
-    for edge, force in block.tied_edge_forces(state).items():
+    for edge, force in block.tied_edge_forces(state, driven).items():
         found[f"{edge}.force"] = force
         found[f"{edge}.pressure"] = force / areas[edge]
         found[f"{edge}.displacement"] = unknowns[block.freedoms.of_tied_edge[edge]]

@@ -11,14 +11,17 @@ import numpy as np
 from fvswell.case.block_schema import EDGES, EdgeLoad
 from fvswell.case.checks import osmotic_problems, repeated_names, times_beyond_end
 from fvswell.case.errors import Finding
-from fvswell.case.profiles import DepthProfile
-from fvswell.case.values import RelaxationTimes, final_value
+from fvswell.case.profiles import DepthProfile, PlaneProfile
+from fvswell.case.values import Ramp, RelaxationTimes, final_value
+from fvswell.physics.equilibrium import equilibrium_volume_ratio
+from fvswell.physics.tissue import Array
 
 if TYPE_CHECKING:
     from fvswell.case.case import BlockCase
 
 __all__ = ["check_block_case"]
 
+_OUTWARD = {"left": -1.0, "right": 1.0, "bottom": -1.0, "top": 1.0}
 _DRIVABLE = {"pressure": ("free", "tied"), "force": ("tied",), "displacement": ("tied",)}
 
 
@@ -43,8 +46,7 @@ def check_block_case(case: BlockCase) -> Iterator[Finding]:
     for key, _ in profiles:
         yield Finding(("tissue", key), "varies with depth: in a block give {x = [...], y = [...], value = [[...]]}")
     if not profiles:
-        x, y = np.meshgrid(np.linspace(0.0, geometry.width, 50), np.linspace(0.0, geometry.height, 50))
-        yield from osmotic_problems(case, case.tissue_at_points(np.stack([x.ravel(), y.ravel()])))
+        yield from osmotic_problems(case, case.tissue_at_points(_sampled_points(case)))
 
 
 def _edge_problems(case: BlockCase) -> Iterator[Finding]:
@@ -79,6 +81,40 @@ def _load_problems(case: BlockCase, edge: str) -> Iterator[Finding]:
                 f"jumps, which needs infinite pressure: use {{ramp_to = {given:g}, over = ...}}",
             )
         left = None if given is None else final_value(given)
+        inward = 0.0 if left is None else -_OUTWARD[edge] * left
+        if inward > 0.0 and inward >= (extent := _extent_at_rest(case, edge)):
+            yield Finding(
+                ("phase", index, edge, "displacement"),
+                f"moves the edge through the block, which is less than {extent:.3g} mm thick at rest",
+            )
+        for name, ramp in load:
+            if isinstance(ramp, Ramp) and isinstance(phase.duration, float) and ramp.over > phase.duration:
+                yield Finding(("phase", index, edge, name), ramp.longer_than(phase.duration))
+
+
+def _extent_at_rest(case: BlockCase, edge: str) -> float:
+    """More than the thickness of the block at rest, mm: that of a column which swells along one axis alone."""
+    thickness = case.geometry.width if edge in ("left", "right") else case.geometry.height
+    if case.model == "biphasic":
+        return thickness
+    if any(isinstance(value, DepthProfile) for _, value in case.tissue):
+        return math.inf  # told as a mistake already
+    tissue = case.tissue_at_points(_sampled_points(case))
+    free = equilibrium_volume_ratio(tissue, 0.0, case.bath.concentration, case.bath.osmotic_coefficient, swelling=True)
+    return thickness * max(1.0, float(np.nan_to_num(free).max()))
+
+
+def _sampled_points(case: BlockCase) -> Array:
+    """Points to check the tissue at: the knots of all profiles and an even grid, ``(2, points)``."""
+    profiles = [value for _, value in case.tissue if isinstance(value, PlaneProfile)]
+    x, y = (
+        np.unique(np.concatenate([np.linspace(0.0, length, 50), *(knots[knots <= length] for knots in known)]))
+        for length, known in (
+            (case.geometry.width, [np.asarray(profile.x) for profile in profiles]),
+            (case.geometry.height, [np.asarray(profile.y) for profile in profiles]),
+        )
+    )
+    return np.stack(np.meshgrid(x, y)).reshape(2, -1)
 
 
 def _held(case: BlockCase, edge: str, phase: int) -> bool:

@@ -21,6 +21,7 @@ _State = tuple[float, float]  # pressure of the piston, concentration of the bat
 
 _NEXT_TO_NO_WATER = 1e-6  # of the water in the stress-free solid
 _BISECTIONS = 40
+_ROUNDING = 1e-12
 _DIGITS = 3
 
 
@@ -78,7 +79,11 @@ def times_beyond_end(case: CaseTable) -> Iterator[Finding]:
     """Output asked for after the end."""
     durations = [phase.duration for phase in case.phase if isinstance(phase.duration, float)]
     end = math.fsum(durations)
-    if len(durations) == len(case.phase) and case.output.times is not None and case.output.times[-1] > end:
+    if (
+        len(durations) == len(case.phase)
+        and case.output.times is not None
+        and case.output.times[-1] > end * (1.0 + _ROUNDING)
+    ):
         yield Finding(("output", "times"), f"must not go beyond the end of the run at {end:g} s")
 
 

@@ -189,7 +189,7 @@ class Phase(Table):
     def _ramp_within_phase(cls, value: Any, info: ValidationInfo) -> Any:
         duration = info.data.get("duration")
         if isinstance(value, Ramp) and isinstance(duration, float) and value.over > duration:
-            raise ValueError(f"over: {value.over:g} s is longer than the phase, {duration:g} s")
+            raise ValueError(value.longer_than(duration))
         return value
 
 

@@ -44,6 +44,10 @@ class Ramp(NamedTuple):
     ramp_to: float
     over: float
 
+    def longer_than(self, duration: float) -> str:
+        """What is wrong with a ramp that is longer than its phase."""
+        return f"over: {self.over:g} s is longer than the phase, {duration:g} s"
+
 
 class RelaxationTimes(NamedTuple):
     """A duration told in relaxation times of the biphasic-swelling model."""

@@ -30,7 +30,8 @@ def fit(
     between: Annotated[
         str | None,
         typer.Option(
-            metavar='"LOW, HIGH"', help="Where to look, with units; a quarter to four times the case's value."
+            metavar='"LOW, HIGH"',
+            help="Where to look, with units; without it a quarter to four times the case's value.",
         ),
     ] = None,
     settings: Settings = None,

@@ -132,7 +132,7 @@ def compare(
 
     Prints tables and writes the results, a figure and a table to DIR.
     """
-    from fvswell.analysis.comparison import compare_results, with_models
+    from fvswell.analysis.comparison import compare_results, phase_lengths, with_models
     from fvswell.reporting.block_plots import all_blocks, block_comparison_figure
     from fvswell.reporting.plots import comparison_figure, save_figure
     from fvswell.reporting.reports import case_lines, comparison_tables
@@ -150,8 +150,7 @@ def compare(
     results = {}
     for name, each in cases.items():
         result = results[name] = _simulate(each, paths[name], force, console, durations)
-        ends = result["phase_end"].values.tolist()
-        durations = [end - start for start, end in zip([0.0, *ends], ends, strict=False)]
+        durations = phase_lengths(result)
     comparison = compare_results(results)
     comparison.write_csv(table)
     draw = block_comparison_figure if all_blocks(results) else comparison_figure

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import MatrixRankWarning, splu
+from scipy.sparse.linalg import splu
 
 from fvswell.physics.tissue import Array
 
-__all__ = ["DirectSolver", "nested_dissection"]
+__all__ = ["DirectSolver", "Factors", "nested_dissection"]
 
 _UNDIVIDED = 40  # unknowns: smaller parts are not cut again (the time hardly depends on it from 10 to 60)
 
@@ -38,23 +38,35 @@ class DirectSolver:
         self._indices = rows[self._entries]
         self._indptr = np.searchsorted(columns[self._entries], np.arange(size + 1)).astype(np.int32)
 
-    def factorise(self, values: Array) -> Callable[[Array], Array]:
-        """What solves the system for a right side, given the values of the entries; nan if the matrix is singular."""
+    def factorise(self, values: Array) -> Factors:
+        """Factors of the matrix with these values of the entries."""
         size = len(self._order)
         matrix = sparse.csc_array((values[self._entries], self._indices, self._indptr), shape=(size, size))
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", MatrixRankWarning)
-            try:
-                factors = splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.01, options={"SymmetricMode": True})
-            except (RuntimeError, MatrixRankWarning):  # exactly singular
-                return lambda right_side: np.full_like(right_side, np.nan)
+        try:
+            factors = splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.01, options={"SymmetricMode": True})
+        except RuntimeError:  # exactly singular
+            factors = None
+        return Factors(factors, self._order)
 
-        def solve(right_side: Array) -> Array:
-            solution = np.empty_like(right_side)
-            solution[self._order] = factors.solve(right_side[self._order])
-            return solution
 
-        return solve
+@dataclass(frozen=True)
+class Factors:
+    """Factors of a matrix, or None if it is singular, and the order of its unknowns in them."""
+
+    factors: Any  # scipy.sparse.linalg.SuperLU
+    order: Array
+
+    @property
+    def entries(self) -> int:
+        """Number of entries that are stored."""
+        return int(self.factors.nnz)
+
+    def solve(self, right_side: Array) -> Array:
+        """Solution of the system, nan if the matrix is singular."""
+        solution = np.full_like(right_side, np.nan)
+        if self.factors is not None:
+            solution[self.order] = self.factors.solve(right_side[self.order])
+        return solution
 
 
 def nested_dissection(graph: sparse.csr_array, places: Array) -> Array:

@@ -13,7 +13,9 @@ import numpy as np
 from fvswell.numerics.system import LoadValues
 from fvswell.physics.tissue import Array
 
-__all__ = ["Drive", "Protocol", "output_times", "phase_targets"]
+__all__ = ["SAME_TIME", "Drive", "Protocol", "output_times", "phase_targets"]
+
+SAME_TIME = 1e-12  # of the time since the run began: times that are closer are one
 
 
 @dataclass(frozen=True)
@@ -60,8 +62,13 @@ class Protocol:
         """Whether a ramp ends at this time since the phase began, ``(rows,)``."""
         corner = np.zeros(len(rows), dtype=bool)
         for drive in self.drives.values():
-            corner |= (drive.over[rows, phase] == time) & ~np.isnan(drive.target[rows, phase])
+            ended = np.abs(drive.over[rows, phase] - time) <= self.slack(rows, phase)
+            corner |= ended & (time > 0.0) & ~np.isnan(drive.target[rows, phase])
         return corner
+
+    def slack(self, rows: Array, phase: Array) -> Array:
+        """How far apart two times in a phase may be and still are one, ``(rows,)``."""
+        return SAME_TIME * np.cumsum(self.duration[rows], axis=1)[np.arange(len(rows)), phase]
 
     def next_target(self, rows: Array, phase: Array, time: Array) -> Array:
         """First time after this one, since the phase began, that a step must end at, ``(rows,)``."""
@@ -92,24 +99,23 @@ def phase_targets(
     """
     fractions = np.arange(1, (fixed_steps or 1) + 1) / (fixed_steps or 1)
     ramps = [drive.over for drive in drives]
-    return tuple(
-        np.sort(
-            np.concatenate(
-                [
-                    duration[:, p, None] * fractions,
-                    *(over[:, p, None] for over in ramps),
-                    output_times(times, duration, p),
-                ],
-                axis=1,
-            ),
-            axis=1,
-        )
-        for p in range(duration.shape[1])
-    )
+    targets = []
+    for p in range(duration.shape[1]):
+        steps, ramp_ends = duration[:, p, None] * fractions, (over[:, p, None] for over in ramps)
+        every = np.sort(np.concatenate([steps, *ramp_ends, output_times(times, duration, p)], axis=1), axis=1)
+        slack = SAME_TIME * duration[:, : p + 1].sum(axis=1)[:, None]
+        every[:, 1:] = np.where(every[:, 1:] > every[:, :-1] + slack, every[:, 1:], np.inf)
+        targets.append(np.sort(every, axis=1))
+    return tuple(targets)
 
 
 def output_times(times: Sequence[float], duration: Array, phase: int) -> Array:
-    """Times since the run began that lie within a phase, told since it began, (rows, times); inf for the others."""
-    began = duration[:, :phase].sum(axis=1)[:, None]
+    """Times since the run began that lie within a phase, told since it began, (rows, times); inf for the others.
+
+    What lies at the end of a phase, to rounding, belongs to it and not to the next.
+    """
+    began, length = duration[:, :phase].sum(axis=1)[:, None], duration[:, phase, None]
     since = np.array(times, dtype=float) - began
-    return np.where((since > 0.0) & (since <= duration[:, phase, None]), since, np.inf)
+    slack = SAME_TIME * (began + length)
+    since = np.where(np.abs(since - length) <= slack, length, since)
+    return np.where((since > slack) & (since <= length), since, np.inf)

@@ -25,8 +25,17 @@ from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.models import BIPHASIC_SWELLING, ELECTROCHEMICAL, Mixture
 from fvswell.physics.tissue import Array, Tissue
 
-__all__ = ["LINEARISED_AT", "Conditions", "Prediction", "coefficient_of_determination", "kind_of_change", "predict"]
+__all__ = [
+    "LINEARISED_AT",
+    "NO_VARIATION",
+    "Conditions",
+    "Prediction",
+    "coefficient_of_determination",
+    "kind_of_change",
+    "predict",
+]
 
+NO_VARIATION = 1e-11  # of a strain, mm or MPa: rounding
 LINEARISED_AT = (0.8, 0.65, 0.85)  # share of the way from rest to rest, by kind_of_change; where that is -1, the last
 
 _RELAXED_FRACTION = 0.99
@@ -181,11 +190,12 @@ def coefficient_of_determination(data: Array, model: Array) -> Array:
     """R^2 = 1 - (sum of squared residuals)/(sum of squares of the data about their mean), over the last axis.
 
     1 where the curves agree, 0 where the model is no better than the mean of the data, negative where it is
-    worse; nan where the data do not vary (there is no signal to explain).
+    worse; nan where the data do not vary beyond rounding (there is no signal to explain).
     """
     residual = ((data - model) ** 2).sum(axis=-1)
     total = ((data - data.mean(axis=-1, keepdims=True)) ** 2).sum(axis=-1)
-    return np.where(total > 0.0, 1.0 - residual / np.where(total > 0.0, total, 1.0), np.nan)
+    varies = np.ptp(data, axis=-1) > NO_VARIATION
+    return np.where(varies, 1.0 - residual / np.where(varies, total, 1.0), np.nan)
 
 
 def _best_states(conditions: Sequence[Conditions], rows: int) -> Array:

@@ -147,11 +147,11 @@ def block_comparison_figure(comparison: Comparison) -> Figure:
         _draw_cells(axes, base, difference, each.time, colours)
         _frame(axes, limits)
         axes.tick_params(left=axes is panels[0])
-        axes.set_title(f"{each.phase}, after {each.time_in_phase * scale:.3g} {unit}")
+        axes.set_title(f"{each.phase}, after {each.time_in_phase * scale:.3g} {unit}:\n{each.model}")
         axes.set_xlabel("$x$ (mm)")
     panels[0].set_ylabel("$y$ (mm)")
     bar = below.colorbar(colours, ax=list(panels), pad=0.01)
-    bar.set_label(f"local strain of {nearest[0].model},\nless that of {comparison.reference}")
+    bar.set_label(f"local strain,\nless that of {comparison.reference}")
     bar.outline.set_linewidth(0.4)
     for letter, axes in zip("abcdef", (histories, gaps, *panels), strict=False):
         axes.set_title(letter, loc="left", fontweight="bold")

@@ -6,7 +6,6 @@ to meet it.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Iterator
 from dataclasses import astuple, dataclass, fields
 from itertools import pairwise
@@ -21,11 +20,11 @@ from fvswell.analysis.fit import PAPER_REDUCTION, Fit, fit_problem, run_fit
 from fvswell.analysis.rules import CurveFit, paper_fits
 from fvswell.case.case import Case, CaseError
 from fvswell.case.errors import Problem, shown
-from fvswell.errors import OutputError
 from fvswell.physics.tissue import Array
 from fvswell.prediction.case_prediction import conditions_of
 from fvswell.prediction.predictor import kind_of_change
 from fvswell.reporting.console import percent
+from fvswell.results.table import write_table
 from fvswell.study.file import read_study
 from fvswell.study.points import CURVES, PAPER_MODELS, StudyPoints, study_points
 from fvswell.study.run import StudyProgress, run_study
@@ -118,13 +117,7 @@ def write_claims(path: Path, table: list[Claim]) -> None:
     OutputError
         If the file cannot be written.
     """
-    try:
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow([field.name for field in fields(Claim)])
-            writer.writerows(astuple(claim) for claim in table)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
+    write_table(path, [field.name for field in fields(Claim)], map(astuple, table))
 
 
 def _check(compression: Case, swelling: Case, block: Case, sweep: Study) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -18,6 +17,7 @@ from fvswell.analysis.rules import CurveFit, fitted_points
 from fvswell.errors import OutputError
 from fvswell.reporting.console import TextTable
 from fvswell.reporting.plots import PAGE_WIDTH, in_print_style
+from fvswell.results.table import write_table
 from fvswell.study.points import CURVES, StudyPoints
 
 if TYPE_CHECKING:
@@ -110,13 +110,7 @@ def write_points(path: Path, points: StudyPoints, fits: Fits, assessment: Assess
         "mobility_ratio": points.mobility_ratio, "strain": points.strain, "r_squared": points.r_squared,
         "predicted_r_squared": assessment.predicted, "fitted_r_squared": by_rule,
     }  # fmt: skip
-    try:
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(columns)
-            writer.writerows(zip(*columns.values(), strict=True))
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
+    write_table(path, columns, zip(*columns.values(), strict=True))
 
 
 @in_print_style

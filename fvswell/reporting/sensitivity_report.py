@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,9 +10,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fvswell.analysis.sensitivity import Sensitivity, SobolIndices
-from fvswell.errors import OutputError
 from fvswell.reporting.console import TextTable
 from fvswell.reporting.plots import PAGE_WIDTH, in_print_style
+from fvswell.results.table import write_table
 
 __all__ = ["sensitivity_figure", "sensitivity_tables", "write_sensitivity"]
 
@@ -50,13 +49,7 @@ def write_sensitivity(path: Path, results: Sequence[Sensitivity]) -> None:
     """
     header = ["protocol", "phase", "parameter", "source", "evaluations", "first", "first_confidence", "total",
               "total_confidence"]  # fmt: skip
-    try:
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(header)
-            writer.writerows(_lines(results))
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
+    write_table(path, header, _lines(results))
 
 
 @in_print_style

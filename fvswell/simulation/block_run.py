@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fvswell.block.block import Block, make_block
-from fvswell.block.edges import EDGES, EdgeCondition, drive_names
+from fvswell.block.edges import EDGE_AXIS, EDGES, EdgeCondition, drive_names
 from fvswell.block.equilibrium import (
     NoEquilibrium,
     equilibrated_state,
@@ -179,9 +179,10 @@ class BlockRun:
                 for pressure, bath in ((0.0, case.bath.concentration), (largest, value["bath"]))
             ]
             strains.append(abs(rest[1] / rest[0] - 1.0))
-            moved = [drive.target[0, p] - self._initial.loads[name][0] for name, drive in drives.items()
-                     if name.endswith(".displacement")]  # fmt: skip
-            strains.append(np.nan_to_num(np.abs([0.0, *moved])).max() / case.geometry.height)
+            for edge, axis in EDGE_AXIS.items():
+                if (name := f"{edge}.displacement") in drives:
+                    moved = drives[name].target[0, p] - self._initial.loads[name][0]
+                    strains.append(abs(np.nan_to_num(moved)) / (case.geometry.width, case.geometry.height)[axis])
         return np.maximum(np.nanmax(strains, keepdims=True), SMALLEST_STRAIN)
 
     def strain(self, state: State) -> float:
@@ -202,9 +203,9 @@ class BlockRun:
             **block_fields(self.block, state),
         }
 
-    def place(self, point: int) -> str:
-        """Where a point of the residual lies."""
-        x, y = self.grid.centres[:, min(point, self.grid.cells - 1)]
+    def place(self, balance: str, point: int) -> str:
+        """Where a point of the residual of a balance lies: a vertex for momentum, else a cell."""
+        x, y = (self.grid.vertices if balance == "momentum" else self.grid.centres)[:, point]
         return f"x = {x:.3g} mm, y = {y:.3g} mm"
 
     def layout(self, duration: Array) -> Layout:

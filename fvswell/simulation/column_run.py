@@ -15,7 +15,7 @@ from fvswell.physics.tissue import Array
 from fvswell.results.fields import FIELDS
 from fvswell.results.file import Layout
 from fvswell.simulation.column_batch import ColumnBatch
-from fvswell.simulation.relaxation import phase_durations, unrelaxed_phase
+from fvswell.simulation.relaxation import duration_problem, phase_durations
 
 __all__ = ["ColumnRun"]
 
@@ -34,7 +34,7 @@ class ColumnRun:
     def durations(self) -> Array:
         """Durations of the phases, (1, phases), s; raises SolverError where one is not to be found."""
         duration = phase_durations([self.case])
-        if told := unrelaxed_phase(self.case, duration[0]):
+        if told := duration_problem(self.case, duration[0]):
             raise SolverError(f"{self.case.source}: {told}")
         return duration
 
@@ -63,8 +63,8 @@ class ColumnRun:
         batch = self.batch
         return column_fields(batch.grid, batch.system.term.laws, state, float(batch.initial_height[0]))
 
-    def place(self, point: int) -> str:
-        """Where a point of the residual lies."""
+    def place(self, balance: str, point: int) -> str:
+        """Where a point of the residual of a balance lies."""
         return f"{self.batch.grid.centres[point]:.3g} mm from the filter"
 
     def layout(self, duration: Array) -> Layout:

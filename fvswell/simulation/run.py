@@ -13,8 +13,8 @@ import xarray as xr
 from fvswell.case.case import BlockCase, Case
 from fvswell.errors import SolverError
 from fvswell.numerics.conservation import LARGEST_IMBALANCE, ConservationBooks
+from fvswell.numerics.protocol import SAME_TIME, output_times
 from fvswell.numerics.protocol import Protocol as Phases
-from fvswell.numerics.protocol import output_times
 from fvswell.numerics.system import System
 from fvswell.numerics.time_stepping import Marcher, State, Step, StepControl
 from fvswell.physics.tissue import Array
@@ -134,8 +134,8 @@ class Body(Protocol):
     def fields(self, state: State) -> Record:
         """Fields to record."""
 
-    def place(self, point: int) -> str:
-        """Where a point of the residual lies."""
+    def place(self, balance: str, point: int) -> str:
+        """Where a point of the residual of a balance lies."""
 
     def layout(self, duration: Array) -> Layout:
         """Layout of the result."""
@@ -181,7 +181,8 @@ class _Recorder:
         values = (state.elapsed[0], step.size[0], step.iterations[0], step.residual[0])
         for name, value in zip(self.history, values, strict=True):
             self.history[name].append(float(value))
-        due = state.time[0] in self.output_times[state.phase[0]]
+        gaps = np.abs(self.output_times[state.phase[0]] - state.time[0])
+        due = bool((gaps <= SAME_TIME * self.phase_ends[state.phase[0]]).any())
         if self.every is not None:
             due = self.steps % self.every == 0 or bool(step.ends_phase[0])
         if due:
@@ -192,7 +193,7 @@ class _Recorder:
         """What the result's run_status is to say."""
         if marcher.failures:
             failure = marcher.failures[0]
-            phase, place = self.body.case.phase[failure.phase].name, self.body.place(failure.point)
+            phase, place = self.body.case.phase[failure.phase].name, self.body.place(failure.balance, failure.point)
             return f"stopped at t = {failure.elapsed:.6g} s in phase {phase}: {failure.reason(place)}"
         if self.books.largest[0] > LARGEST_IMBALANCE:
             return f"stopped: a balance is off by {self.books.largest[0]:.3g} of what crossed the boundary"

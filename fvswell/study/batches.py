@@ -13,7 +13,7 @@ from fvswell.case.case import Case
 from fvswell.physics.tissue import Array
 from fvswell.prediction.predictor import coefficient_of_determination
 from fvswell.results.file import COMPLETE
-from fvswell.simulation.relaxation import phase_durations, unrelaxed_phase
+from fvswell.simulation.relaxation import duration_problem, phase_durations
 from fvswell.study.fields import STRAIN_CURVES
 from fvswell.study.sampling import ModelHistory, model_history
 from fvswell.study.study import Study
@@ -84,10 +84,10 @@ def run_batch(batch: Batch) -> BatchResult:
     base = Case.from_toml(batch.case_toml)
     cases = [base.with_changes(changes) for changes in batch.changes]
     duration = phase_durations(cases)
-    rows = np.flatnonzero(np.isfinite(duration).all(axis=1))
+    status = np.array([duration_problem(*each) for each in zip(cases, duration, strict=True)], dtype=object)
+    rows = np.flatnonzero(status == "")
     result = _nothing(len(cases), len(base.phase), base.time.samples_per_phase)
     result["phase_duration"] = duration
-    status = np.array([unrelaxed_phase(base, row) for row in duration], dtype=object)
     if len(rows):
         histories = [model_history([cases[row] for row in rows], model, duration[rows]) for model in batch.models]
         for name, values in _compared(histories, duration[rows]).items():
