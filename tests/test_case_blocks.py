@@ -101,3 +101,18 @@ def test_charge_that_peaks_between_even_points_is_seen() -> None:
     told = problems(tissue__fixed_charge_density=peak, tissue__osmotic_coefficient=None,
                     tissue__osmotic_coefficient_per_charge=500.0)  # fmt: skip
     assert "osmotic_coefficient_per_charge" in told
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"geometry__edges__left": "fixed"}, "must be a table with the heading [geometry.edges.left]"),
+        ({"edges": 3}, "belongs under [geometry]"),
+        (
+            {"phase__compression__displacement": -1},
+            "belongs under [phase.left] or [phase.right] or [phase.bottom] or [phase.top]",
+        ),
+    ],
+)
+def test_misplaced_keys_are_sent_to_their_headings(changes: dict[str, Any], told: str) -> None:
+    assert told in problems(**changes)

@@ -104,7 +104,10 @@ class EdgeLoad(Table):
 
 
 class BlockPhase(Phase):
-    """What the edges and the bath do from the end of the previous phase on; an edge that is not named goes on."""
+    """What the edges and the bath do from the end of the previous phase on; an edge that is not named goes on.
+
+    Durations are in s: relaxation times are of columns.
+    """
 
     left: EdgeLoad | None = None
     right: EdgeLoad | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin
 
@@ -12,7 +13,7 @@ from fvswell.case.errors import CaseError, Finding, Location, Problem, nearest_n
 from fvswell.case.schema import Table, inner_tables, is_array, variant, variant_names
 from fvswell.case.values import ValueType
 
-__all__ = ["allowed_values", "read_tables", "tables_below", "value_type"]
+__all__ = ["Heading", "allowed_values", "read_tables", "tables_below", "value_type"]
 
 _Root = TypeVar("_Root", bound=Table)
 _NOTHING = object()
@@ -51,15 +52,28 @@ def read_tables(
     return table
 
 
-def tables_below(table: type[Table], heading: str = "") -> Iterator[tuple[str, type[Table]]]:
-    """All tables of a schema with their headings, such as "[tissue]"."""
+class Heading(NamedTuple):
+    """Where a table stands: its dotted key ("" at the top), whether there may be several, and what tells it apart."""
+
+    key: str = ""
+    several: bool = False
+    told_apart: str = ""  # such as: with kind = "plane-strain"
+
+    def __str__(self) -> str:
+        return f"[[{self.key}]]" if self.several else f"[{self.key}]"
+
+
+def tables_below(table: type[Table], heading: Heading | None = None) -> Iterator[tuple[Heading, type[Table]]]:
+    """All tables of a schema with their headings, such as [tissue]."""
+    heading = heading or Heading()
     yield heading, table
     for key in table.model_fields:
         tables = inner_tables(table, key)
-        names = {inner: f' with {tag} = "{name}"' for name, (tag, inner) in variant_names(tables).items()}
+        names = {inner: f'with {tag} = "{name}"' for name, (tag, inner) in variant_names(tables).items()}
+        whole = f"{heading.key}.{key}" if heading.key else key
         for inner in tables:
             told_apart = names[inner] if len(tables) > 1 else ""
-            yield from tables_below(inner, (f"[[{key}]]" if is_array(table, key) else f"[{key}]") + told_apart)
+            yield from tables_below(inner, Heading(whole, is_array(table, key), told_apart))
 
 
 def value_type(field: FieldInfo) -> ValueType | None:
@@ -144,7 +158,7 @@ def _finding(root: type[Table], content: Mapping[str, Any], details: Any) -> Fin
         return Finding(location, f"missing; must be given: {allowed_values(field)}{unit}")
     if kind == "literal_error":
         return Finding(location, _one_of(get_args(field.annotation), place.given))
-    heading = f"[[{place.name}]]" if is_array(place.table, place.name) else f"[{place.name}]"
+    heading = Heading(re.sub(r"\[[^]]*\]", "", place.key), is_array(place.table, place.name))
     return Finding(location, f"must be a table with the heading {heading}")
 
 
@@ -156,14 +170,28 @@ def _one_of(names: Iterable[str], given: Any) -> str:
 
 def _suggestion(root: type[Table], table: type[Table], name: str) -> str:
     """What an unknown key may have been meant to be: it stands in the wrong table, or is misspelt."""
-    tables = tables_below(root)
-    elsewhere = {key: heading or "the title" for heading, other in tables for key in other.model_fields}
+    elsewhere = {key for _, other in tables_below(root) for key in other.model_fields}
     if name in elsewhere:
-        return f"belongs under {elsewhere[name]}"
+        return f"belongs under {_home(root, table, name)}"
     near = nearest_name(name, table.model_fields)
     if near is not None:
         return f"did you mean {near}?"
     near = nearest_name(name, elsewhere)
     if near is not None:
-        return f"did you mean {near}, which belongs under {elsewhere[near]}?"
+        return f"did you mean {near}, which belongs under {_home(root, table, near)}?"
     return f"allowed here are {', '.join(table.model_fields)}"
+
+
+def _home(root: type[Table], table: type[Table], name: str) -> str:
+    """The headings under which a key may stand: those within the table where it was found, else all."""
+    tables = list(tables_below(root))
+    homes = [heading for heading, other in tables if name in other.model_fields]
+    around = tuple(f"{heading.key}." for heading, other in tables if other is table and heading.key)
+    inside = [heading for heading in homes if heading.key.startswith(around)] if around else []
+    apart = {heading.key: {home.told_apart for home in homes if home.key == heading.key} for heading in homes}
+    told = [
+        f"{heading} {heading.told_apart}".strip() if heading.key and len(apart[heading.key]) == 1 else
+        str(heading) if heading.key else "the title"
+        for heading in inside or homes
+    ]  # fmt: skip
+    return " or ".join(dict.fromkeys(told))

@@ -5,11 +5,13 @@
 
 from __future__ import annotations
 
+from inspect import getdoc
+
 from pydantic.fields import FieldInfo
 
 from fvswell.case.case import BlockCase
 from fvswell.case.reading import allowed_values, tables_below, value_type
-from fvswell.case.schema import CaseTable, Table
+from fvswell.case.schema import CaseTable, Table, inner_tables
 from fvswell.case.values import Load, Quantity
 from fvswell.units import DIMENSIONS
 
@@ -29,6 +31,8 @@ is one mole of charge. Conversion is exact: a case gives the same results in wha
 
 **Profiles.** A key marked *varies* also takes `{ depth = [...], value = [...] }`: linear between the depths,
 constant outside them. Depth is the distance from the filter in the stress-free solid. Entries are quantities.
+In a block it is `{ x = [...], y = [...], value = [[...], ...] }`, with a row of values for each y, or
+`{ x = [...], value = [...] }`, or the same with y.
 
 **Loads** marked *ramps* step to the given value when their phase starts. As `{ ramp_to = ..., over = ... }`
 they go there linearly within the time `over`, which must not be longer than the phase.
@@ -40,10 +44,17 @@ def case_reference() -> str:
     parts = [_INTRODUCTION, _units()]
     columns = list(tables_below(CaseTable))
     known = {table for _, table in columns}
-    blocks = [(heading, table) for heading, table in tables_below(BlockCase) if heading and table not in known]
-    for heading, table in [*columns, *blocks]:
-        title = f"`{heading.split(' ')[0]}`{heading.removeprefix(heading.split(' ')[0])}" if heading else "At the top"
-        parts.append(f"## {title}\n\n{table.__doc__}\n\n{_rows(table)}")
+    blocks = [(heading, table) for heading, table in tables_below(BlockCase) if heading.key and table not in known]
+    plain = {str(heading) for heading, _ in columns if not heading.told_apart}
+    for of_blocks, tables in ((False, columns), (True, blocks)):
+        headings: dict[type[Table], list[str]] = {}
+        for heading, table in tables:
+            title = f"`{heading}` {heading.told_apart}".strip() if heading.key else "At the top"
+            headings.setdefault(table, []).append(title)
+        for table, titles in headings.items():
+            title = ", ".join(dict.fromkeys(titles))
+            title += " of a block" if of_blocks and title.strip("`") in plain else ""
+            parts.append(f"## {title}\n\n{getdoc(table)}\n\n{_rows(table)}{_tables(table)}")
     return "\n".join(parts)
 
 
@@ -61,7 +72,14 @@ def _rows(table: type[Table]) -> str:
         for key, field in table.model_fields.items()
         if field.description is not None
     ]
+    if not rows:
+        return ""
     return "\n".join(["| key | unit | default | allowed | meaning |", "|---|---|---|---|---|", *rows, ""])
+
+
+def _tables(table: type[Table]) -> str:
+    inner = [f"`{key}`" for key in table.model_fields if inner_tables(table, key)]
+    return f"\nTables in it: {', '.join(inner)}.\n" if inner else ""
 
 
 def _unit(field: FieldInfo) -> str:
