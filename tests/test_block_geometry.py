@@ -9,7 +9,7 @@ from blocks import BATH, CLAMPED, CLAMPED_DISC, block_system, distorted_vertices
 from fvswell.block.edges import EdgeCondition, check_edges
 from fvswell.block.geometry import SECTIONS, polygon_volume, polygon_volume_gradient
 from fvswell.block.grid import block_grid, graded_nodes, shaped_block_grid
-from fvswell.numerics.differentiation import local_derivative
+from fvswell.physics.differentiation import local_derivative
 from fvswell.physics.models import ELECTROCHEMICAL
 
 KINDS = tuple(SECTIONS)

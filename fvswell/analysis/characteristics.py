@@ -9,7 +9,7 @@ import numpy as np
 from fvswell.case.case import BlockCase, Case
 from fvswell.physics.electrochemistry import ion_concentrations
 from fvswell.physics.models import ELECTROCHEMICAL, MODELS
-from fvswell.physics.permeability import hydraulic_permeability, open_circuit_permeability
+from fvswell.physics.permeability import open_circuit_ratio
 from fvswell.physics.solid import aggregate_modulus
 from fvswell.physics.tissue import Array, Tissue
 from fvswell.simulation.column_batch import ColumnBatch
@@ -51,7 +51,7 @@ def characteristics(case: Case) -> Characteristics:
     full = batches[ELECTROCHEMICAL.name]
     tissue, J = full.cells.tissue, full.initial_volume_ratio
     ions = ion_concentrations(tissue, J, np.log(case.bath.concentration))
-    ratio = open_circuit_permeability(tissue, J, *ions) / hydraulic_permeability(tissue, J)
+    ratio = open_circuit_ratio(tissue, J, *ions)
     diffusivity = salt_diffusivity(tissue, *ions).min()
     return Characteristics(
         rest={name: _rest_states(batch) for name, batch in batches.items()},
@@ -90,7 +90,7 @@ def _of_block(case: BlockCase) -> Characteristics:
     full = runs[ELECTROCHEMICAL.name]
     tissue, J = full.tissue, full.initial_volume_ratio
     ions = ion_concentrations(tissue, J, np.log(full.case.bath.concentration))
-    ratio = open_circuit_permeability(tissue, J, *ions) / hydraulic_permeability(tissue, J)
+    ratio = open_circuit_ratio(tissue, J, *ions)
     length = full.drainage_length
     slowest = (tissue.hydraulic_permeability * aggregate_modulus(tissue)).min()
     volumes = full.grid.volumes

@@ -17,7 +17,7 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import PchipInterpolator
 
-from fvswell.case.block_schema import EDGES
+from fvswell.block.sides import EDGES
 from fvswell.case.case import MODELS, BlockCase, Case, CaseError
 from fvswell.case.errors import Problem
 from fvswell.case.schema import STEPS_PER_PHASE

@@ -17,7 +17,7 @@ from scipy import sparse
 
 from fvswell.block.assembly import JacobianPattern, LocalDerivatives
 from fvswell.block.diamonds import diamonds
-from fvswell.block.edges import EDGE_AXIS, EDGES, EdgeCondition, Freedoms, check_edges, freedoms
+from fvswell.block.edges import EdgeCondition, Freedoms, check_edges, freedoms
 from fvswell.block.geometry import (
     SECTIONS,
     edge_area_vectors,
@@ -27,17 +27,16 @@ from fvswell.block.geometry import (
 )
 from fvswell.block.grid import BlockGrid
 from fvswell.block.mechanics import BlockSolid, block_solid
+from fvswell.block.sides import EDGE_AXIS, EDGES, OUTWARD
 from fvswell.block.stabilisation import alternating_storage
 from fvswell.block.transport import BlockBalance, BlockInterval, BlockTransportTerm, at_points
-from fvswell.numerics.differentiation import local_derivative
 from fvswell.numerics.direct_solver import DirectSolver
+from fvswell.physics.differentiation import local_derivative
 from fvswell.physics.models import Mixture
 from fvswell.physics.solid import aggregate_modulus, shear_modulus
 from fvswell.physics.tissue import Array, Tissue
 
 __all__ = ["Block", "BlockState", "EdgeLoads", "make_block"]
-
-_OUTWARD = {"left": -1.0, "right": 1.0, "bottom": -1.0, "top": 1.0}
 
 
 class EdgeLoads(NamedTuple):
@@ -150,14 +149,14 @@ class Block:
     def edge_areas(self, positions: Array) -> Array:
         """Current areas of the edges projected on their reference direction, in the order of EDGES."""
         vectors = edge_area_vectors(self.grid.section, positions[:, self.grid.face_vertices])
-        return np.array([_OUTWARD[edge] * vectors[EDGE_AXIS[edge], self.grid.edges[edge]].sum() for edge in EDGES])
+        return np.array([OUTWARD[edge] * vectors[EDGE_AXIS[edge], self.grid.edges[edge]].sum() for edge in EDGES])
 
     def tied_edge_forces(self, state: BlockState, loads: EdgeLoads) -> dict[str, float]:
         """Forces that press on the tied edges, positive in compression, without the pressures on their neighbours."""
         forces = {}
         for edge, index in self.freedoms.of_tied_edge.items():
             others = np.where(np.array(EDGES) == edge, 0.0, loads.pressure)
-            forces[edge] = -_OUTWARD[edge] * (
+            forces[edge] = -OUTWARD[edge] * (
                 state.internal_forces[index] - self._pressure_forces(state.positions, others)[index]
             )
         return forces
@@ -218,7 +217,7 @@ class Block:
     def _external_forces(self, unknowns: Array, positions: Array, loads: EdgeLoads) -> Array:
         external = self._pressure_forces(positions, loads.pressure)
         for edge, index in self.freedoms.of_tied_edge.items():
-            external[index] -= _OUTWARD[edge] * loads.force[EDGES.index(edge)]
+            external[index] -= OUTWARD[edge] * loads.force[EDGES.index(edge)]
         return external
 
     def _pressure_forces(self, positions: Array, pressure: Array) -> Array:

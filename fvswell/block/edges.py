@@ -9,12 +9,12 @@ from typing import Literal
 import numpy as np
 from scipy import sparse
 
-from fvswell.block.grid import EDGES, BlockGrid
+from fvswell.block.grid import BlockGrid
+from fvswell.block.sides import EDGE_AXIS, EDGES
 from fvswell.physics.tissue import Array
 
-__all__ = ["EDGES", "EDGE_AXIS", "EdgeCondition", "Freedoms", "check_edges", "drive_names", "freedoms"]
+__all__ = ["EdgeCondition", "Freedoms", "check_edges", "drive_names", "freedoms"]
 
-EDGE_AXIS = {"left": 0, "right": 0, "bottom": 1, "top": 1}  # direction of the normal
 _NEIGHBOURS = {edge: tuple(other for other in EDGES if EDGE_AXIS[other] != EDGE_AXIS[edge]) for edge in EDGES}
 
 

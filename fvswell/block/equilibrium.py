@@ -20,7 +20,7 @@ from fvswell.block.transport import BlockInterval, BlockTransportTerm
 from fvswell.numerics.direct_solver import DirectSolver
 from fvswell.numerics.time_stepping import State
 from fvswell.physics.models import Mixture
-from fvswell.physics.permeability import hydraulic_permeability, open_circuit_permeability
+from fvswell.physics.permeability import open_circuit_ratio
 from fvswell.physics.tissue import Array
 
 __all__ = ["NoEquilibrium", "equilibrated_state", "initial_open_circuit_ratio", "with_open_circuit_ratio"]
@@ -67,9 +67,8 @@ def initial_open_circuit_ratio(block: Block, unknowns: Array, bath_concentration
     term = block.term
     positions = block.positions(unknowns)
     faces = term.face_state(block.potentials(unknowns), positions, bath_concentration)
-    tissue, J = term.faces.tissue, faces.local.J
     ratio = np.ones((1, block.grid.face_cells.shape[1]))
-    ratio[:, term.diamonds.faces] = open_circuit_permeability(tissue, *faces.local) / hydraulic_permeability(tissue, J)
+    ratio[:, term.diamonds.faces] = open_circuit_ratio(term.faces.tissue, *faces.local)
     return ratio
 
 

@@ -18,9 +18,7 @@ from fvswell.block.geometry import SECTIONS, Section, polygon_volume
 from fvswell.column.grid import graded_widths
 from fvswell.physics.tissue import Array
 
-__all__ = ["EDGES", "BlockGrid", "block_grid", "graded_nodes", "shaped_block_grid"]
-
-EDGES = ("left", "right", "bottom", "top")
+__all__ = ["BlockGrid", "block_grid", "graded_nodes", "shaped_block_grid"]
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvswell.block.grid import BlockGrid
-from fvswell.numerics.differentiation import local_derivative
+from fvswell.physics.differentiation import local_derivative
 from fvswell.physics.solid import SolidStress, cauchy_stress
 from fvswell.physics.tissue import Array, Tissue
 

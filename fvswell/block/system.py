@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvswell.block.block import Block, BlockState, EdgeLoads
-from fvswell.block.edges import EDGES, drive_names
+from fvswell.block.edges import drive_names
 from fvswell.block.newton import NewtonResult, newton
+from fvswell.block.sides import EDGES
 from fvswell.block.transport import BlockInterval
 from fvswell.numerics.system import LoadValues, Solution, Stage
 from fvswell.physics.tissue import Array

@@ -20,8 +20,8 @@ from scipy import sparse
 from fvswell.block.diamonds import Diamonds
 from fvswell.block.geometry import diamond_metric, polygon_volume
 from fvswell.block.grid import BlockGrid
-from fvswell.numerics.differentiation import local_derivative
 from fvswell.numerics.newton_term import NewtonSystem, NewtonTerm
+from fvswell.physics.differentiation import local_derivative
 from fvswell.physics.models import Mixture, PointState
 from fvswell.physics.tissue import Array
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fvswell.case.block_schema import EDGES, EdgeLoad
+from fvswell.block.sides import EDGES, OUTWARD
+from fvswell.case.block_schema import EdgeLoad
 from fvswell.case.checks import osmotic_problems, repeated_names, times_beyond_end
 from fvswell.case.errors import Finding
 from fvswell.case.profiles import DepthProfile, PlaneProfile
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
 __all__ = ["check_block_case"]
 
-_OUTWARD = {"left": -1.0, "right": 1.0, "bottom": -1.0, "top": 1.0}
 _DRIVABLE = {"pressure": ("free", "tied"), "force": ("tied",), "displacement": ("tied",)}
 
 
@@ -81,7 +81,7 @@ def _load_problems(case: BlockCase, edge: str) -> Iterator[Finding]:
                 f"jumps, which needs infinite pressure: use {{ramp_to = {given:g}, over = ...}}",
             )
         left = None if given is None else final_value(given)
-        inward = 0.0 if left is None else -_OUTWARD[edge] * left
+        inward = 0.0 if left is None else -OUTWARD[edge] * left
         if inward > 0.0 and inward >= (extent := _extent_at_rest(case, edge)):
             yield Finding(
                 ("phase", index, edge, "displacement"),

@@ -6,11 +6,11 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from fvswell.block.sides import EDGES
 from fvswell.case.schema import Phase, Table
 from fvswell.case.values import Choice, Counts, Flag, Load, Names, Point, Quantity, Ramp
 
 __all__ = [
-    "EDGES",
     "AxisymmetricGeometry",
     "BlockGeometry",
     "BlockPhase",
@@ -19,8 +19,6 @@ __all__ = [
     "Edges",
     "PlaneStrainGeometry",
 ]
-
-EDGES = ("left", "right", "bottom", "top")
 
 
 class Edge(Table):

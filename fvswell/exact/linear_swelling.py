@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fvswell.exact.slab import mean_uptake, profile_uptake, relaxation_time
+from fvswell.physics.differentiation import COMPLEX_STEP
 from fvswell.physics.electrochemistry import (
     bath_osmotic_pressure,
     fixed_charge_density,
@@ -34,7 +35,6 @@ from fvswell.physics.tissue import Array
 
 __all__ = ["ColumnChange", "LinearColumn", "salt_outdraws_osmosis"]
 
-_COMPLEX_STEP = 1e-30
 _SMALLEST_GAP = 1e-5  # half the distance of the eigenvalues over their mean, see LinearColumn.diffusivities
 
 
@@ -91,14 +91,14 @@ class LinearColumn:
     @cached_property
     def stiffness(self) -> Array:
         """H, the derivative of the potentials by the contents, shape ``(rows, contents, contents)``."""
-        J, step = self.volume_ratio, 1j * _COMPLEX_STEP
+        J, step = self.volume_ratio, 1j * COMPLEX_STEP
         if not self.mixture.model.transports_ions:
             stress = uniaxial_stress(self.mixture.tissue, J + step)
             mu_f = stress - self.mixture.osmotic_pressure(self.mixture.at(J + step, self.log_concentration))
-            return mu_f.imag[:, :, None] / _COMPLEX_STEP
+            return mu_f.imag[:, :, None] / COMPLEX_STEP
         salt = self.mixture.contents(self.mixture.at(J, self.log_concentration))[1]
         columns = (self._potentials(J + step, salt), self._potentials(J, salt + step))
-        return np.stack([np.stack(column, axis=-1).imag[:, 0] for column in columns], axis=-1) / _COMPLEX_STEP
+        return np.stack([np.stack(column, axis=-1).imag[:, 0] for column in columns], axis=-1) / COMPLEX_STEP
 
     @cached_property
     def mobility(self) -> Array:
@@ -269,9 +269,9 @@ class LinearColumn:
     @property
     def _osmotic_slope(self) -> Array:
         """Slope d pi/d ln c~ at fixed J, MPa, shape ``(rows, 1)``."""
-        shifted = self.log_concentration + 1j * _COMPLEX_STEP
+        shifted = self.log_concentration + 1j * COMPLEX_STEP
         pi = self.mixture.osmotic_pressure(self.mixture.at(self.volume_ratio, shifted))
-        return np.asarray(pi).imag / _COMPLEX_STEP + np.zeros_like(self.volume_ratio)
+        return np.asarray(pi).imag / COMPLEX_STEP + np.zeros_like(self.volume_ratio)
 
     def _slab_time(self, time: Array) -> Array:
         scaled = self.diffusivities / self.current_height[:, None] ** 2

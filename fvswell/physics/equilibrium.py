@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from fvswell.physics.differentiation import COMPLEX_STEP
 from fvswell.physics.electrochemistry import bath_osmotic_pressure, ion_concentrations, osmotic_pressure
 from fvswell.physics.solid import cauchy_stress, uniaxial_stress
 from fvswell.physics.tissue import Array, Tissue
@@ -21,7 +22,6 @@ __all__ = [
     "osmotic_pressure_difference",
 ]
 
-_COMPLEX_STEP = 1e-30
 _CONVERGED_STEP = 1e-9  # of ln(volume of water); Newton is quadratic, so the step taken last leaves 1e-18
 _LEAST_WATER, _MOST_WATER = 1e-12, 1e6  # of the water in the stress-free solid: beyond them there is no root
 _LONGEST_STEP = 1.0
@@ -114,9 +114,9 @@ def _root(
         high = np.broadcast_to(water + np.log(_MOST_WATER), none.shape).copy()
         u = np.broadcast_to(water, none.shape)
         for _ in range(_MAX_ITERATIONS):
-            f = residual(u + 1j * _COMPLEX_STEP)
+            f = residual(u + 1j * COMPLEX_STEP)
             low, high = np.where(f.real < 0.0, u, low), np.where(f.real > 0.0, u, high)
-            step = np.clip(-f.real * _COMPLEX_STEP / f.imag, -_LONGEST_STEP, _LONGEST_STEP)
+            step = np.clip(-f.real * COMPLEX_STEP / f.imag, -_LONGEST_STEP, _LONGEST_STEP)
             target = u + step
             bracketed = (target >= low) & (target <= high)  # false for nan as well
             u, previous = np.where(bracketed, target, 0.5 * (low + high)), u

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fvswell.physics.differentiation import COMPLEX_STEP
 from fvswell.physics.electrochemistry import (
     bath_osmotic_pressure,
     ion_concentration_derivatives,
@@ -28,8 +29,6 @@ from fvswell.physics.permeability import hydraulic_permeability, open_circuit_pe
 from fvswell.physics.tissue import Array, Tissue
 
 __all__ = ["BIPHASIC", "BIPHASIC_SWELLING", "ELECTROCHEMICAL", "MODELS", "Mixture", "Model", "PointState"]
-
-_COMPLEX_STEP = 1e-40  # far below rounding: the imaginary part over it is the derivative exactly
 
 
 @dataclass(frozen=True)
@@ -157,6 +156,6 @@ class Mixture:
         if not (self.model.open_circuit and self.open_circuit_ratio is None):
             return self.tissue.permeability_exponent * self.permeability(state)
         cation_J, anion_J, _ = ion_concentration_derivatives(self.tissue, *state)
-        step = 1j * _COMPLEX_STEP
+        step = 1j * COMPLEX_STEP
         shifted = PointState(state.J + step, state.cation + step * cation_J, state.anion + step * anion_J)
-        return self.permeability(shifted).imag / _COMPLEX_STEP
+        return self.permeability(shifted).imag / COMPLEX_STEP

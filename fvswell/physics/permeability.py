@@ -8,7 +8,12 @@ from fvswell.physics.constants import FARADAY
 from fvswell.physics.electrochemistry import fluid_fraction
 from fvswell.physics.tissue import Array, Tissue
 
-__all__ = ["hydraulic_permeability", "open_circuit_permeability", "open_circuit_permeability_with_ion_volumes"]
+__all__ = [
+    "hydraulic_permeability",
+    "open_circuit_permeability",
+    "open_circuit_permeability_with_ion_volumes",
+    "open_circuit_ratio",
+]
 
 
 def hydraulic_permeability(tissue: Tissue, J: Array) -> Array:
@@ -29,10 +34,14 @@ def open_circuit_permeability(tissue: Tissue, J: Array, cation: Array, anion: Ar
     J, cation, anion
         Volume ratio and ion concentrations (mmol per mm3 of fluid), arrays of one shape.
     """
-    k = hydraulic_permeability(tissue, J)
+    return hydraulic_permeability(tissue, J) * open_circuit_ratio(tissue, J, cation, anion)
+
+
+def open_circuit_ratio(tissue: Tissue, J: Array, cation: Array, anion: Array) -> Array:
+    """k_open/k, see `open_circuit_permeability`."""
     conductance = fluid_fraction(tissue, J) * (tissue.cation_diffusivity * cation + tissue.anion_diffusivity * anion)
     drag = tissue.thermal_energy * (tissue.convection_factor * (cation - anion)) ** 2
-    return k / (1.0 + k * drag / conductance)
+    return 1.0 / (1.0 + hydraulic_permeability(tissue, J) * drag / conductance)
 
 
 def open_circuit_permeability_with_ion_volumes(

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fvswell.physics.differentiation import COMPLEX_STEP
 from fvswell.physics.tissue import Array, Tissue
 
 __all__ = [
@@ -23,8 +24,6 @@ __all__ = [
     "uniaxial_stiffness",
     "uniaxial_stress",
 ]
-
-_COMPLEX_STEP = 1e-40  # far below rounding: the imaginary part over it is the derivative exactly
 
 
 class SolidStress(NamedTuple):
@@ -122,4 +121,4 @@ def uniaxial_stress(tissue: Tissue, J: Array) -> Array:
 
 def uniaxial_stiffness(tissue: Tissue, J: Array) -> Array:
     """Derivative of `uniaxial_stress` by J (MPa), exact by complex step; ``J`` real."""
-    return uniaxial_stress(tissue, J + 1j * _COMPLEX_STEP).imag / _COMPLEX_STEP
+    return uniaxial_stress(tissue, J + 1j * COMPLEX_STEP).imag / COMPLEX_STEP

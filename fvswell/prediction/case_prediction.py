@@ -15,7 +15,7 @@ from fvswell.case.values import Ramp, RelaxationTimes, final_value
 from fvswell.column.grid import ColumnGrid, column_grid
 from fvswell.physics.electrochemistry import ion_concentrations
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
-from fvswell.physics.permeability import hydraulic_permeability, open_circuit_permeability
+from fvswell.physics.permeability import open_circuit_ratio
 from fvswell.physics.tissue import Array, Tissue
 from fvswell.prediction.predictor import Conditions, Prediction, predict
 
@@ -134,4 +134,4 @@ def _constant_open_circuit_ratio(cases: Sequence[Case], tissue: Tissue, bath: Ar
     concentration = _column([case.bath.concentration for case in cases])
     J = equilibrium_volume_ratio(tissue, 0.0, concentration, bath, swelling=True)
     ions = ion_concentrations(tissue, J, np.log(concentration))
-    return open_circuit_permeability(tissue, J, *ions) / hydraulic_permeability(tissue, J)
+    return open_circuit_ratio(tissue, J, *ions)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fvswell.analysis.comparison import BlockDifference, ColumnDifference
-from fvswell.case.block_schema import EDGES, EdgeLoad
+from fvswell.block.sides import EDGES
+from fvswell.case.block_schema import EdgeLoad
 from fvswell.case.case import BlockCase, Case
 from fvswell.case.profiles import DepthProfile, PlaneProfile
 from fvswell.case.reading import value_type

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from fvswell.block.sides import EDGES
+
 __all__ = ["FIELDS", "Field"]
 
 
@@ -30,7 +32,6 @@ class Field:
         }  # fmt: skip
 
 
-_EDGES = ("left", "right", "bottom", "top")
 _CONCENTRATION, _ION_FLUX, _STRESS = "mmol mm-3", "mmol mm-2 s-1", "N mm-2"
 _PARTS = ("convection", "diffusion", "migration")
 
@@ -82,17 +83,17 @@ FIELDS: dict[str, Field] = {
     },
     **{
         f"{edge}_pressure": Field(_STRESS, f"pressure on the {edge} edge, compression positive", "global")
-        for edge in _EDGES
+        for edge in EDGES
     },
     **{
         f"{edge}_force": Field(
             "N", f"force on the {edge} edge (of a disc, or 1 mm thick), compression positive", "global"
         )
-        for edge in _EDGES
+        for edge in EDGES
     },
     **{
         f"{edge}_displacement": Field("mm", f"displacement of the {edge} edge from the stress-free solid", "global")
-        for edge in _EDGES
+        for edge in EDGES
     },
     **{
         f"displacement_{axis}": Field("mm", f"displacement from the stress-free position along {axis}", "node")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fvswell.block.block import Block, make_block
-from fvswell.block.edges import EDGE_AXIS, EDGES, EdgeCondition, drive_names
+from fvswell.block.edges import EdgeCondition, drive_names
 from fvswell.block.equilibrium import (
     NoEquilibrium,
     equilibrated_state,
@@ -18,6 +18,7 @@ from fvswell.block.equilibrium import (
 from fvswell.block.fields import block_fields
 from fvswell.block.grid import BlockGrid, block_grid, graded_nodes
 from fvswell.block.mechanics import stress_points
+from fvswell.block.sides import EDGE_AXIS, EDGES
 from fvswell.block.system import BlockSystem
 from fvswell.case.case import BlockCase
 from fvswell.case.values import Ramp, final_value

@@ -20,7 +20,7 @@ from fvswell.numerics.time_stepping import BACKWARD_EULER, FIRST_STEP, SDIRK2, S
 from fvswell.physics.electrochemistry import ion_concentrations
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.models import MODELS, Mixture, Model
-from fvswell.physics.permeability import hydraulic_permeability, open_circuit_permeability
+from fvswell.physics.permeability import open_circuit_ratio
 from fvswell.physics.solid import aggregate_modulus
 from fvswell.physics.tissue import Array, Tissue
 
@@ -51,7 +51,9 @@ class ColumnBatch:
         J = np.broadcast_to(J, (len(cases), len(grid.widths))).copy()
         if model.open_circuit and first.open_circuit_permeability != "state":
             fixed = first.open_circuit_permeability == "initial"
-            ratio = _open_circuit_ratio(faces.tissue, grid.face_stretch(J), np.log(concentration))
+            stretch = grid.face_stretch(J)
+            ions = ion_concentrations(faces.tissue, stretch, np.log(concentration))
+            ratio = open_circuit_ratio(faces.tissue, stretch, *ions)
             faces = replace(faces, open_circuit_ratio=ratio if fixed else np.ones((1, 1)))
         transport = StockTermsTransport if first.assembly == "stock-terms" else CoupledTransportTerm
         return cls(cases, grid, cells, ColumnSystem(transport(grid, Column(cells, faces))), J)
@@ -174,9 +176,3 @@ def _stacked(tissues: Sequence[Tissue]) -> Tissue:
 
     arrays = {field.name: stack(field.name) for field in fields(Tissue) if field.name != "solid"}
     return Tissue(solid=tissues[0].solid, **arrays)
-
-
-def _open_circuit_ratio(tissue: Tissue, J: Array, log_concentration: Array) -> Array:
-    """k_open/k at the given state."""
-    cation, anion = ion_concentrations(tissue, J, log_concentration)
-    return open_circuit_permeability(tissue, J, cation, anion) / hydraulic_permeability(tissue, J)

@@ -8,9 +8,9 @@ import numpy as np
 
 from fvswell.physics.tissue import Array
 
-__all__ = ["local_derivative"]
+__all__ = ["COMPLEX_STEP", "local_derivative"]
 
-_STEP = 1e-40  # far below rounding of anything it is added to: the imaginary part is the derivative exactly
+COMPLEX_STEP = 1e-40  # far below rounding of anything it is added to: the imaginary part is the derivative exactly
 
 
 def local_derivative(function: Callable[[Array], Array], arguments: Array) -> Array:
@@ -31,5 +31,5 @@ def local_derivative(function: Callable[[Array], Array], arguments: Array) -> Ar
     """
     count = len(arguments)
     perturbed = np.repeat(arguments[:, None].astype(complex), count, axis=1)
-    perturbed[range(count), range(count)] += 1j * _STEP
-    return function(perturbed).imag / _STEP
+    perturbed[range(count), range(count)] += 1j * COMPLEX_STEP
+    return function(perturbed).imag / COMPLEX_STEP
