@@ -77,7 +77,7 @@ def random_unknowns(system: BlockSystem, seed: int = 5) -> Array:
     block = system.block
     draw = np.random.default_rng(seed)
     unknowns = draw.uniform(-0.02, 0.02, block.pattern.size)
-    potentials = unknowns[block.freedoms.number :].reshape(len(block.balances), -1)
+    potentials = unknowns[block.degrees_of_freedom.number :].reshape(len(block.balances), -1)
     potentials *= 5.0
     if len(potentials) > 1:
         potentials[1] += np.log(BATH)

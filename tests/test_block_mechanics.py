@@ -152,7 +152,7 @@ def test_manufactured_deformation_converges_at_second_order(kind: str) -> None:
         system = block_system(grid, CLAMPED_DISC if kind == "axisymmetric" else CLAMPED, BIPHASIC)
         block = system.block
         interval, loads = BlockInterval(np.zeros((1, 1, grid.cells)), 0.0, BATH), edge_loads({})
-        number = block.freedoms.number
+        number = block.degrees_of_freedom.number
         forces = block.gather_corners @ _manufactured_forces(block).ravel()
         unknowns = np.concatenate([np.zeros(number), _pressure(grid.centres)])
         for _ in range(12):
@@ -162,7 +162,7 @@ def test_manufactured_deformation_converges_at_second_order(kind: str) -> None:
             unknowns[:number] -= step
             if np.abs(step).max() < 1e-12:
                 break
-        gap = block.freedoms.displacements(unknowns[:number]) - _displacement(grid.vertices)
+        gap = block.degrees_of_freedom.displacements(unknowns[:number]) - _displacement(grid.vertices)
         errors.append(np.sqrt((gap**2).mean()))
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert orders[-1] > 1.9, (errors, orders)

@@ -26,7 +26,7 @@ from fvswell.block.equilibrium import equilibrated_state, initial_open_circuit_r
 from fvswell.block.fields import block_fields, cell_gradients, cell_vectors
 from fvswell.block.geometry import edge_area_vectors
 from fvswell.block.grid import block_grid, graded_nodes, shaped_block_grid
-from fvswell.block.mechanics import stress_points
+from fvswell.block.mechanics import integration_points
 from fvswell.block.system import BlockSystem, edge_loads
 from fvswell.block.transport import BlockInterval
 from fvswell.column.column import Column, Loads
@@ -289,7 +289,7 @@ def test_properties_that_vary_over_the_block() -> None:
         )  # fmt: skip
 
     cells, faces = (Mixture(BIPHASIC, tissue(at), np.array([[0.93]])) for at in (grid.centres, grid.face_centres))
-    system = BlockSystem(make_block(grid, UNCONFINED, cells, faces, tissue(stress_points(grid))))
+    system = BlockSystem(make_block(grid, UNCONFINED, cells, faces, tissue(integration_points(grid))))
     state = equilibrated_state(system, BATH)
     prescribed = {"bath": np.array([BATH]), "top.pressure": np.array([0.1])}
     for _ in range(3):

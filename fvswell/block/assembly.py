@@ -12,7 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from fvswell.block.diamonds import Diamonds
-from fvswell.block.edges import Freedoms
+from fvswell.block.edges import DegreesOfFreedom
 from fvswell.block.grid import BlockGrid
 from fvswell.block.transport import TransportDerivatives
 from fvswell.physics.tissue import Array
@@ -36,18 +36,23 @@ class JacobianPattern:
     """Rows and columns of the entries, which are fixed, and the map from local derivatives to their values."""
 
     def __init__(
-        self, grid: BlockGrid, diamonds: Diamonds, freedoms: Freedoms, edge_faces: Array,
+        self, grid: BlockGrid, diamonds: Diamonds, degrees_of_freedom: DegreesOfFreedom, edge_faces: Array,
         storage: sparse.csr_array, balances: int,
     ) -> None:  # fmt: skip
-        self._grid, self._diamonds, self._freedoms, self._balances = grid, diamonds, freedoms, balances
+        self._grid, self._diamonds, self._degrees_of_freedom, self._balances = (
+            grid,
+            diamonds,
+            degrees_of_freedom,
+            balances,
+        )
         self._rows: list[Array] = []
         self._columns: list[Array] = []
         self._sources: list[Array] = []
         self._weights: list[Array] = []
         self._offset = 0
-        self.size = freedoms.number + balances * grid.cells
-        corners = freedoms.of_vertex[:, grid.cell_vertices].reshape(8, -1)
-        self._mechanics(corners, freedoms.of_vertex[:, grid.face_vertices[:, edge_faces]].reshape(4, -1))
+        self.size = degrees_of_freedom.number + balances * grid.cells
+        corners = degrees_of_freedom.of_vertex[:, grid.cell_vertices].reshape(8, -1)
+        self._mechanics(corners, degrees_of_freedom.of_vertex[:, grid.face_vertices[:, edge_faces]].reshape(4, -1))
         entries = storage.tocoo()
         self._add(self._potential(0)[entries.row], self._potential(0)[entries.col])
         self._storage(corners)
@@ -85,7 +90,7 @@ class JacobianPattern:
         points = maps.points.tocoo()
         faces = len(maps.faces)
         point, face = divmod(points.row, faces)
-        columns = self._freedoms.of_vertex[:, points.col]
+        columns = self._degrees_of_freedom.of_vertex[:, points.col]
         self._add_outflow(
             face,
             columns=columns.ravel(),
@@ -119,7 +124,7 @@ class JacobianPattern:
 
     def _potential(self, potential: int | Array) -> Array:
         """Index of a potential in all cells."""
-        return self._freedoms.number + potential * self._grid.cells + np.arange(self._grid.cells)
+        return self._degrees_of_freedom.number + potential * self._grid.cells + np.arange(self._grid.cells)
 
     def _add(self, rows: Array, columns: Array) -> None:
         """Local values, each with one place."""

@@ -17,7 +17,7 @@ from scipy import sparse
 
 from fvswell.block.assembly import JacobianPattern, LocalDerivatives
 from fvswell.block.diamonds import diamonds
-from fvswell.block.edges import EdgeCondition, Freedoms, check_edges, freedoms
+from fvswell.block.edges import DegreesOfFreedom, EdgeCondition, check_edges, degrees_of_freedom
 from fvswell.block.geometry import (
     SECTIONS,
     edge_area_vectors,
@@ -67,7 +67,7 @@ class Block:
 
     grid: BlockGrid
     edges: Mapping[str, EdgeCondition]
-    freedoms: Freedoms
+    degrees_of_freedom: DegreesOfFreedom
     solid: BlockSolid
     term: BlockTransportTerm
     storage: sparse.csr_array  # see `stabilisation`
@@ -84,11 +84,11 @@ class Block:
 
     def positions(self, unknowns: Array) -> Array:
         """Positions of the vertices, ``(2, vertices)`` mm, from unknowns ``(unknowns,)``."""
-        return self.grid.vertices + self.freedoms.displacements(unknowns[: self.freedoms.number])
+        return self.grid.vertices + self.degrees_of_freedom.displacements(unknowns[: self.degrees_of_freedom.number])
 
     def potentials(self, unknowns: Array) -> Array:
         """Potentials of the cells, ``(balances, 1, cells)``."""
-        return unknowns[self.freedoms.number :].reshape(len(self.balances), 1, -1)
+        return unknowns[self.degrees_of_freedom.number :].reshape(len(self.balances), 1, -1)
 
     def volume_ratio(self, positions: Array) -> Array:
         """J of the cells, ``(1, cells)``: current over reference volume."""
@@ -107,7 +107,7 @@ class Block:
         forces = self.solid.forces(F) - pressure * polygon_volume_gradient(self.grid.section, *corners)
         internal = self.gather_corners @ forces.ravel()
         momentum = internal - self._external_forces(unknowns, positions, loads)
-        for edge, index in self.freedoms.of_tied_edge.items():
+        for edge, index in self.degrees_of_freedom.of_tied_edge.items():
             target = loads.displacement[EDGES.index(edge)]
             if not np.isnan(target):
                 momentum[index] = (unknowns[index] - target) * self.momentum_scale[index] / self.length_scale
@@ -139,7 +139,7 @@ class Block:
                 forces, gradient, osmotic_slope[-1], edge_forces, self.storage.data, by_transport, interval.duration
             )
         )
-        for edge, index in self.freedoms.of_tied_edge.items():
+        for edge, index in self.degrees_of_freedom.of_tied_edge.items():
             if not np.isnan(loads.displacement[EDGES.index(edge)]):
                 entries = np.flatnonzero(self.pattern.rows == index)
                 on_diagonal = self.pattern.columns[entries] == index
@@ -151,10 +151,10 @@ class Block:
         vectors = edge_area_vectors(self.grid.section, positions[:, self.grid.face_vertices])
         return np.array([OUTWARD[edge] * vectors[EDGE_AXIS[edge], self.grid.edges[edge]].sum() for edge in EDGES])
 
-    def tied_edge_forces(self, state: BlockState, loads: EdgeLoads) -> dict[str, float]:
+    def tied_edge_reactions(self, state: BlockState, loads: EdgeLoads) -> dict[str, float]:
         """Forces that press on the tied edges, positive in compression, without the pressures on their neighbours."""
         forces = {}
-        for edge, index in self.freedoms.of_tied_edge.items():
+        for edge, index in self.degrees_of_freedom.of_tied_edge.items():
             others = np.where(np.array(EDGES) == edge, 0.0, loads.pressure)
             forces[edge] = -OUTWARD[edge] * (
                 state.internal_forces[index] - self._pressure_forces(state.positions, others)[index]
@@ -177,18 +177,18 @@ class Block:
     def unknown_scale(self) -> Array:
         """Natural size of the changes of the unknowns."""
         scale = np.ones(self.pattern.size)
-        scale[: self.freedoms.number] = self.length_scale
-        scale[self.freedoms.number : self.freedoms.number + self.grid.cells] = self._modulus.mean()
+        scale[: self.degrees_of_freedom.number] = self.length_scale
+        scale[self.degrees_of_freedom.number : self.degrees_of_freedom.number + self.grid.cells] = self._modulus.mean()
         return scale
 
     @cached_property
     def places(self) -> Array:
         """Where on the grid the unknowns are, ``(2, unknowns)``; nan for tied edges, which are in no single place."""
-        number, of_vertex = self.freedoms.number, self.freedoms.of_vertex
+        number, of_vertex = self.degrees_of_freedom.number, self.degrees_of_freedom.of_vertex
         places = np.empty((2, self.pattern.size))
         for unknowns in of_vertex:
             places[:, unknowns[unknowns >= 0]] = self.grid.lattice("vertices")[:, unknowns >= 0]
-        places[:, list(self.freedoms.of_tied_edge.values())] = np.nan
+        places[:, list(self.degrees_of_freedom.of_tied_edge.values())] = np.nan
         places[:, number:] = np.tile(self.grid.lattice("cells"), len(self.balances))
         return places
 
@@ -216,7 +216,7 @@ class Block:
 
     def _external_forces(self, unknowns: Array, positions: Array, loads: EdgeLoads) -> Array:
         external = self._pressure_forces(positions, loads.pressure)
-        for edge, index in self.freedoms.of_tied_edge.items():
+        for edge, index in self.degrees_of_freedom.of_tied_edge.items():
             external[index] -= OUTWARD[edge] * loads.force[EDGES.index(edge)]
         return external
 
@@ -247,7 +247,7 @@ def make_block(
     cells, faces
         The model with the tissue at ``grid.centres`` and at ``grid.face_centres`` (all faces); one row.
     solid
-        The tissue at ``mechanics.stress_points(grid)``; one row.
+        The tissue at ``mechanics.integration_points(grid)``; one row.
 
     Raises
     ------
@@ -257,7 +257,7 @@ def make_block(
     if problems := check_edges(grid.section.rings, edges):
         raise ValueError("; ".join(problems))
     crossed = diamonds(grid, [edge for edge in EDGES if edges[edge].permeable])
-    unknown = freedoms(grid, edges)
+    unknown = degrees_of_freedom(grid, edges)
     loaded = [i for i, edge in enumerate(EDGES) if edges[edge].displacement in ("free", "tied")]
     shear = np.broadcast_to(shear_modulus(cells.tissue)[0], (grid.cells,))
     storage = alternating_storage(grid, shear)
@@ -266,7 +266,7 @@ def make_block(
     return Block(
         grid=grid,
         edges=dict(edges),
-        freedoms=unknown,
+        degrees_of_freedom=unknown,
         solid=block_solid(grid, solid),
         term=BlockTransportTerm(grid, crossed, cells, at_points(faces, crossed.faces)),
         storage=storage,

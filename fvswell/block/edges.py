@@ -13,7 +13,7 @@ from fvswell.block.grid import BlockGrid
 from fvswell.block.sides import EDGE_AXIS, EDGES
 from fvswell.physics.tissue import Array
 
-__all__ = ["EdgeCondition", "Freedoms", "check_edges", "drive_names", "freedoms"]
+__all__ = ["DegreesOfFreedom", "EdgeCondition", "check_edges", "degrees_of_freedom", "drive_names"]
 
 _NEIGHBOURS = {edge: tuple(other for other in EDGES if EDGE_AXIS[other] != EDGE_AXIS[edge]) for edge in EDGES}
 
@@ -30,7 +30,7 @@ class EdgeCondition:
 
 
 @dataclass(frozen=True)
-class Freedoms:
+class DegreesOfFreedom:
     """Unknown displacements: each component of each vertex moves with one of them, or is held."""
 
     number: int
@@ -108,7 +108,7 @@ def _rigid_motions(rings: bool, edges: Mapping[str, EdgeCondition]) -> list[str]
     return motions + ([] if turning or rings else ["turning"])
 
 
-def freedoms(grid: BlockGrid, edges: Mapping[str, EdgeCondition]) -> Freedoms:
+def degrees_of_freedom(grid: BlockGrid, edges: Mapping[str, EdgeCondition]) -> DegreesOfFreedom:
     """Number the unknown displacements of a block."""
     of_vertex = np.arange(grid.vertices.size).reshape(grid.vertices.shape)
     for edge, condition in edges.items():
@@ -129,4 +129,4 @@ def freedoms(grid: BlockGrid, edges: Mapping[str, EdgeCondition]) -> Freedoms:
         for edge, condition in edges.items()
         if condition.displacement == "tied"
     }
-    return Freedoms(len(used) - first, of_vertex, tied)
+    return DegreesOfFreedom(len(used) - first, of_vertex, tied)

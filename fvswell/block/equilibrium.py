@@ -111,7 +111,7 @@ def _sharing(block: Block, share: float) -> Block:
 def _balance_forces(block: Block, unknowns: Array, bath_concentration: float) -> NewtonResult:
     """Displacements in balance with the bath's potentials in all cells."""
     bath = block.term.cells.bath_potentials(np.array([[bath_concentration]]))
-    number, pattern, scale = block.freedoms.number, block.pattern, block.momentum_scale
+    number, pattern, scale = block.degrees_of_freedom.number, block.pattern, block.momentum_scale
     start = unknowns.copy()
     start[number:] = np.broadcast_to(bath, (len(bath), 1, block.grid.cells)).ravel()
     unloaded = edge_loads({})

@@ -26,7 +26,7 @@ class BlockGrid:
     """Topology and reference geometry. Cells and vertices are numbered row by row, from the bottom left.
 
     Corners of a cell are in counterclockwise order. A face has its first cell on the left of the way from its first
-    vertex to its second; the second cell is -1 at the boundary. The points of stress are numbered corner by corner:
+    vertex to its second; the second cell is -1 at the boundary. The integration points are numbered corner by corner:
     that of corner i in cell c has the index ``i * cells + c``.
     """
 

@@ -20,7 +20,7 @@ from fvswell.physics.differentiation import local_derivative
 from fvswell.physics.solid import SolidStress, cauchy_stress
 from fvswell.physics.tissue import Array, Tissue
 
-__all__ = ["BlockSolid", "block_solid", "stress_points"]
+__all__ = ["BlockSolid", "block_solid", "integration_points"]
 
 _CORNERS = np.array([[-1.0, 1.0, 1.0, -1.0], [-1.0, -1.0, 1.0, 1.0]])  # of the unit cell
 _POINTS = _CORNERS / np.sqrt(3.0)
@@ -30,13 +30,13 @@ _POINTS = _CORNERS / np.sqrt(3.0)
 class BlockSolid:
     """The solid of a block. Corner positions and forces are ``(2, 4, cells)``."""
 
-    tissue: Tissue  # at the points of stress, (1, 4 cells) or broadcasting to it
+    tissue: Tissue  # at the integration points, (1, 4 cells) or broadcasting to it
     operator: Array  # (cells, 4 points, 5, 8): dF/d(positions of the corners)
     weights: Array  # (cells, 4 points): reference volumes
     plane: bool
 
     def deformation_gradient(self, corners: Array) -> Array:
-        """F at the points of stress, ``(5, 4, cells)``."""
+        """F at the integration points, ``(5, 4, cells)``."""
         F = np.einsum("cqfk,kc->fqc", self.operator, corners.reshape(8, -1))
         if self.plane:
             F[4] = 1.0
@@ -80,14 +80,14 @@ class BlockSolid:
         )
 
 
-def stress_points(grid: BlockGrid) -> Array:
-    """Coordinates of the points of stress, ``(2, 4 cells)``: where the solid's properties are asked for."""
+def integration_points(grid: BlockGrid) -> Array:
+    """Coordinates of the integration points, ``(2, 4 cells)``: where the solid's properties are asked for."""
     shape, _ = _shape_functions()
     return np.einsum("qa,dac->dqc", shape, grid.vertices[:, grid.cell_vertices]).reshape(2, -1)
 
 
 def block_solid(grid: BlockGrid, tissue: Tissue) -> BlockSolid:
-    """The solid of a block, with properties at its points of stress."""
+    """The solid of a block, with properties at its integration points."""
     shape, slope = _shape_functions()
     corners = grid.vertices[:, grid.cell_vertices]
     jacobian = np.einsum("qae,dac->cqde", slope, corners)
@@ -103,7 +103,7 @@ def block_solid(grid: BlockGrid, tissue: Tissue) -> BlockSolid:
 
 
 def _shape_functions() -> tuple[Array, Array]:
-    """Bilinear shape functions (points, corners) and their slopes (points, corners, 2) at the points of stress."""
+    """Bilinear shape functions (points, corners) and their slopes (points, corners, 2) at the integration points."""
     along = 1.0 + _POINTS[:, :, None] * _CORNERS[:, None, :]
     slope = 0.25 * np.stack([_CORNERS[0] * along[1], _CORNERS[1] * along[0]], axis=-1)
     return 0.25 * along[0] * along[1], slope

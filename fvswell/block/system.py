@@ -111,8 +111,8 @@ class BlockSystem:
         block = self.block
         V, cells, vertices = len(block.balances), block.grid.cells, block.grid.vertices.shape[1]
         at_points = np.zeros((V + 1, 1, vertices))
-        at_points[:V, 0, :cells] = residual[block.freedoms.number :].reshape(V, cells)
-        momentum = np.abs(block.freedoms.displacements(residual[: block.freedoms.number]))
+        at_points[:V, 0, :cells] = residual[block.degrees_of_freedom.number :].reshape(V, cells)
+        momentum = np.abs(block.degrees_of_freedom.displacements(residual[: block.degrees_of_freedom.number]))
         at_points[V, 0] = momentum.max(axis=0)
         return at_points
 
@@ -138,8 +138,8 @@ def loads_found(
     for edge, pressure in zip(EDGES, driven.pressure, strict=True):
         found[f"{edge}.pressure"] = pressure
     areas = dict(zip(EDGES, block.edge_areas(state.positions), strict=True))
-    for edge, force in block.tied_edge_forces(state, driven).items():
+    for edge, force in block.tied_edge_reactions(state, driven).items():
         found[f"{edge}.force"] = force
         found[f"{edge}.pressure"] = force / areas[edge]
-        found[f"{edge}.displacement"] = unknowns[block.freedoms.of_tied_edge[edge]]
+        found[f"{edge}.displacement"] = unknowns[block.degrees_of_freedom.of_tied_edge[edge]]
     return {name: np.array([float(found[name])]) for name in drive_names(block.edges)}

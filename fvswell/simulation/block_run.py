@@ -17,7 +17,7 @@ from fvswell.block.equilibrium import (
 )
 from fvswell.block.fields import block_fields
 from fvswell.block.grid import BlockGrid, block_grid, graded_nodes
-from fvswell.block.mechanics import stress_points
+from fvswell.block.mechanics import integration_points
 from fvswell.block.sides import EDGE_AXIS, EDGES
 from fvswell.block.system import BlockSystem
 from fvswell.case.case import BlockCase
@@ -61,7 +61,7 @@ class BlockRun:
         model = MODELS[case.model]
         cells = Mixture(model, case.tissue_at_points(self.grid.centres), coefficient)
         faces = Mixture(model, case.tissue_at_points(self.grid.face_centres), coefficient)
-        solid = case.tissue_at_points(stress_points(self.grid))
+        solid = case.tissue_at_points(integration_points(self.grid))
         block = make_block(self.grid, _edges(case), cells, faces, solid)
         try:
             self._initial = equilibrated_state(BlockSystem(block), case.bath.concentration)
@@ -246,9 +246,10 @@ class BlockRun:
     def _mean_height(self, state: State) -> float:
         positions = self.block.positions(state.unknowns[0, 0])
         top, bottom = (self.grid.edge_vertices(edge) for edge in ("top", "bottom"))
-        return float(np.trapezoid(positions[1, top] - positions[1, bottom], self.grid.vertices[0, top])) / (
-            self.case.geometry.width
-        )
+        x = self.grid.vertices[0, top]
+        weight = x if self.grid.section.rings else np.ones_like(x)  # of the area of the stress-free solid
+        heights = positions[1, top] - positions[1, bottom]
+        return float(np.trapezoid(weight * heights, x) / np.trapezoid(weight, x))
 
     def _probe_vertex(self) -> int:
         geometry = self.case.geometry
