@@ -23,6 +23,7 @@ from fvswell.case.errors import Problem
 from fvswell.case.schema import STEPS_PER_PHASE
 from fvswell.physics.tissue import Array
 from fvswell.prediction.predictor import NO_VARIATION, coefficient_of_determination
+from fvswell.results.file import SAME_TIME
 from fvswell.results.moved_grid import AXES, is_block
 from fvswell.results.table import write_table
 from fvswell.simulation.run import run
@@ -44,8 +45,6 @@ __all__ = [
     "reference_model",
     "with_models",
 ]
-
-_SAME_TIME = 1e-9  # of the end of the phase
 
 
 @dataclass(frozen=True)
@@ -268,7 +267,7 @@ def common_times(times: Sequence[Array], start: float, end: float) -> Array:
     The output times after ``start`` up to ``end``, s, if they are the same in all of ``times``; otherwise the
     ends of 50 equal steps.
     """
-    slack = _SAME_TIME * end
+    slack = SAME_TIME * end
     within = [each[(each > start + slack) & (each <= end + slack)] for each in times]
     first = within[0]
     if first.size and all(
@@ -293,7 +292,7 @@ def history_at(time: Array, values: Array, start: float, at: Array) -> Array:
     at
         Times wanted, s, none before ``start``.
     """
-    slack = _SAME_TIME * float(np.max(at))
+    slack = SAME_TIME * float(np.max(at))
     nearest = np.abs(time[:, None] - at).argmin(axis=0)
     if np.all(np.abs(time[nearest] - at) <= slack):
         return values[nearest]
@@ -313,7 +312,7 @@ def local_strain(result: xr.Dataset) -> Array:
 
 def profile_at(time: Array, values: Array, at: float) -> Array:
     """A profile at a time, linear between the outputs, nan beyond them; ``values`` is ``(times, points)``."""
-    if at > time[-1] * (1.0 + _SAME_TIME):
+    if at > time[-1] * (1.0 + SAME_TIME):
         return np.full(values.shape[1], np.nan)
     upper = int(np.clip(np.searchsorted(time, at), 1, len(time) - 1))
     share = np.clip((at - time[upper - 1]) / (time[upper] - time[upper - 1]), 0.0, 1.0)

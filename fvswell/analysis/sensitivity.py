@@ -20,6 +20,7 @@ import tomli_w
 
 from fvswell.case.case import Case, CaseError, load_case
 from fvswell.case.errors import Problem
+from fvswell.case.toml_file import file_text, toml_content
 from fvswell.errors import OutputError
 from fvswell.physics.tissue import Array
 from fvswell.prediction.case_prediction import predict_cases
@@ -75,10 +76,7 @@ def read_ranges(path: Path, spread: float) -> Study:
     CaseError
         If the file cannot be read, or with all that is wrong with it.
     """
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
-        content = {}  # told by what reads it in earnest
+    content = toml_content(file_text(path), str(path))
     return load_study(path) if "protocol" in content else ranges_about(load_case(path), spread)
 
 
@@ -117,7 +115,7 @@ def ranges_about(case: Case, spread: float) -> Study:
 
 def sensitivity(
     study: Study,
-    samples: int = 512,
+    samples: int,
     model_samples: int = 0,
     processes: int | None = None,
     report: Report | None = None,

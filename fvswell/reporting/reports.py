@@ -16,7 +16,7 @@ from fvswell.case.reading import value_type
 from fvswell.case.values import Ramp, RelaxationTimes
 from fvswell.reporting.console import TextTable, percent
 from fvswell.results.fields import FIELDS
-from fvswell.results.file import COMPLETE
+from fvswell.results.file import COMPLETE, SAME_TIME
 from fvswell.results.moved_grid import AXES, is_block
 
 if TYPE_CHECKING:
@@ -48,7 +48,6 @@ _TISSUE_IN_SHORT = (
     "fixed_charge_density",
     "hindrance_factor",
 )
-_SAME_TIME = 1e-9  # relative
 
 
 def case_lines(case: Case, models: str | None = None) -> list[str]:
@@ -134,11 +133,11 @@ def phase_table(result: xr.Dataset, case: Case) -> TextTable:
 def _last_output(result: xr.Dataset, phase: int) -> tuple[int | None, str]:
     """Index of the last output in a phase, None if the phase did not begin, and where the run stopped in it."""
     time, ends = result["time"].values, result["phase_end"].values
-    within = np.flatnonzero((time <= ends[phase] * (1.0 + _SAME_TIME)) & (time > 0.0))
+    within = np.flatnonzero((time <= ends[phase] * (1.0 + SAME_TIME)) & (time > 0.0))
     last = int(within[-1]) if within.size else 0
-    if phase > 0 and time[last] <= ends[phase - 1] * (1.0 + _SAME_TIME):
+    if phase > 0 and time[last] <= ends[phase - 1] * (1.0 + SAME_TIME):
         return None, ""
-    return last, f" at {time[last]:.5g} s" if time[last] < ends[phase] * (1.0 - _SAME_TIME) else ""
+    return last, f" at {time[last]:.5g} s" if time[last] < ends[phase] * (1.0 - SAME_TIME) else ""
 
 
 def effort_lines(result: xr.Dataset) -> list[str]:

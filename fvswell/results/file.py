@@ -24,6 +24,7 @@ from fvswell.results.provenance import provenance
 
 __all__ = [
     "COMPLETE",
+    "SAME_TIME",
     "Layout",
     "ResultFile",
     "in_memory",
@@ -33,6 +34,7 @@ __all__ = [
 ]
 
 COMPLETE = "complete"
+SAME_TIME = 1e-9  # relative: times of results that are closer are one
 Record = Mapping[str, Array]
 
 

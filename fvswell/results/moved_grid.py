@@ -7,11 +7,11 @@ import xarray as xr
 
 from fvswell.errors import OutputError
 from fvswell.physics.tissue import Array
+from fvswell.results.file import SAME_TIME
 
 __all__ = ["AXES", "is_block", "moved_nodes", "quadrilaterals"]
 
 AXES = ("x", "y")
-_BEYOND = 1e-9  # of the last time
 
 
 def is_block(result: xr.Dataset) -> bool:
@@ -42,7 +42,7 @@ def moved_nodes(result: xr.Dataset, time: float) -> Array:
     if not is_block(result):
         raise OutputError("only the results of blocks have a grid with nodes in two dimensions")
     times = result["time"].values
-    slack = _BEYOND * abs(times[-1])
+    slack = SAME_TIME * abs(times[-1])
     if not times[0] - slack <= time <= times[-1] + slack:
         raise OutputError(f"time {time:.6g} s: must be from {times[0]:.6g} to {times[-1]:.6g} s")
     at = float(np.clip(time, times[0], times[-1]))
