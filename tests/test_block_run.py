@@ -238,3 +238,23 @@ def test_tolerance_of_steps_is_relative_to_the_strain_that_each_load_brings() ->
     pressed = small_block(model="biphasic", phase__compression__top={"pressure": 0.01})
     modulus = float(aggregate_modulus(BlockRun(pressed).tissue).max())
     assert BlockRun(pressed).largest_strain()[0] == pytest.approx(0.01 / modulus, rel=0.02)
+
+
+def test_mean_height_of_a_disc_is_weighted_by_area() -> None:
+    """More charge at the axis makes a bump there, which is much of the radius and little of the area."""
+    charge = {"x": ["0 mm", "0.75 mm", "1.5 mm"], "value": [4e-4, 1e-4, 1e-4]}
+    case = load_case(CASES / "unconfined_disc.toml").with_changes(
+        {
+            "geometry.edges.top.displacement": "free", "geometry.cells": [30, 4], "geometry.grading": 1,
+            "tissue.fixed_charge_density": charge, "phase.compression.top": {"pressure": 0.0},
+        }
+    )  # fmt: skip
+    body = BlockRun(case)
+    state = body.start()
+    top, bottom = (body.grid.edge_vertices(edge) for edge in ("top", "bottom"))
+    positions = body.block.positions(state.unknowns[0, 0])[1]
+    height, radius = positions[top] - positions[bottom], body.grid.vertices[0, top]
+    rings = np.diff(radius**2) / radius[-1] ** 2
+    expected = 0.5 * (height[1:] + height[:-1]) @ rings
+    assert height.mean() > expected + 0.005
+    assert body.fields(state)["height"] == pytest.approx(expected, abs=2e-4)
