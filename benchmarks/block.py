@@ -74,6 +74,7 @@ def timings(side: int) -> dict[str, float]:
     found["factors (SuperLU, nested dissection)"] = fastest(lambda: solver.factorise(values), repeats)
     factors = solver.factorise(values)
     found["solution with them"] = fastest(lambda: factors.solve(right), repeats)
+    found["entries of the factors"] = float(factors.entries)
     found["peak memory, MB"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     matrix = sparse.csc_array((values, (pattern.rows, pattern.columns)), shape=(pattern.size, pattern.size))
     for name, (most, options) in ORDERINGS.items():

@@ -224,9 +224,9 @@ def _sudden_load(n: int, share: float, stabilised: bool) -> tuple[Array, Solutio
     system = block_system(grid, GLUED, BIPHASIC, tissue)
     if not stabilised:
         block = system.block
-        nothing = sparse.csr_array(block.storage)
+        nothing = sparse.csr_array(block.stabilisation)
         nothing.data[:] = 0.0
-        system = BlockSystem(replace(block, storage=nothing))
+        system = BlockSystem(replace(block, stabilisation=nothing))
     state = equilibrated_state(system, BATH)
     step = share * 10.0**2 / (aggregate_modulus(tissue).item() * 1e-3)
     prescribed = {"bath": np.array([BATH]), "top.pressure": np.array([0.1])}

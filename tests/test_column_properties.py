@@ -91,7 +91,7 @@ def check(case: Case, model: str) -> None:
         assert result["fluid_fraction"].min() < 0.02, f"it gave up with water in every cell: {status}"
     assert np.all(np.isfinite(result["volume_ratio"]))
     assert np.all(result["fluid_fraction"] > 0.0)
-    # a piston that stands still lets nothing pass: then the mismatch is told relative to next to nothing
+    # a piston that stands still lets nothing pass: then the mismatch is told relative to 1e-4 of the content
     held = any(phase.piston_displacement is not None for phase in case.phase)
     for name in result:
         if name.endswith("_balance_error"):

@@ -107,6 +107,21 @@ def test_a_row_that_fails_is_told_and_stops_no_other():
     np.testing.assert_allclose(result["strain"][0, 1].ravel(), alone, rtol=0.0, atol=1e-10)
 
 
+def test_a_row_whose_ramp_outlasts_its_phase_is_told():
+    """Half the relaxation time of a permeable tissue is over before the ramp is."""
+    slow = {"ramp_to": 0.1, "over": 2000.0}
+    protocol = studies.protocol(phase__loading__duration="0.5 relaxation times", phase__loading__piston_pressure=slow)
+    permeability = studies.parameter("permeability", "tissue.hydraulic_permeability", 1e-5, 1e-2)
+    design = [{"name": "line", "kind": "one-at-a-time", "count": 2}]
+    result = run_batch(plan(studies.study(protocol=[protocol], parameter=[permeability], design=design))[0])
+    stiff, quick = result["run_status"]
+    assert stiff == "complete"
+    assert quick.startswith(
+        "phase[loading].piston_pressure = {ramp_to = 0.1, over = 2000}: over: 2000 s is longer than"
+    )
+    assert np.isnan(result["r_squared"][1]).all()
+
+
 def test_a_row_without_a_relaxation_time_is_told():
     """Nothing is done to a sample under no load, so it never relaxes."""
     loads = [studies.parameter("load", "phase.loading.piston_pressure", 0.0, 0.2)]

@@ -16,11 +16,9 @@ def problems(**changes) -> list[str]:
     return str(caught.value).splitlines()
 
 
-def one_problem(*parts: str, **changes) -> None:
-    told = problems(**changes)
-    assert len(told) == 1, told
-    for part in parts:
-        assert part in told[0]
+def only_problem(**changes) -> str:
+    (told,) = problems(**changes)
+    return told
 
 
 def combinations(**keys):
@@ -160,8 +158,9 @@ def test_everything_wrong_is_told_at_once():
 
 
 def test_an_empty_range_is_refused():
-    one_problem("parameter[a].high", "nothing between", parameter=[studies.parameter("a", "bath.concentration", 1, 1)],
-                design=combinations())  # fmt: skip
+    told = only_problem(parameter=[studies.parameter("a", "bath.concentration", 1, 1)], design=combinations())
+    assert "parameter[a].high" in told
+    assert "nothing between" in told
 
 
 @pytest.mark.parametrize("key", ["parameter", "design", "protocol"])
@@ -194,14 +193,20 @@ def test_names_have_to_fit_together():
 def test_a_design_that_varies_nothing_is_refused():
     two = [studies.protocol(), studies.protocol("swelling", "free_swelling.toml")]
     load = studies.parameter("load", "phase.loading.piston_pressure", 0.1, 0.2, protocols="compression")
-    one_problem("design[spread]", "protocol swelling", protocol=two, parameter=[load], design=combinations())
+    told = only_problem(protocol=two, parameter=[load], design=combinations())
+    assert "design[spread]" in told
+    assert "protocol swelling" in told
 
 
 def test_protocols_have_the_same_phases_and_steps():
     fine = studies.protocol("swelling", "free_swelling.toml", time__steps_per_phase=9)
-    one_problem("protocol[swelling].case", "9 steps", protocol=[studies.protocol(), fine])
+    told = only_problem(protocol=[studies.protocol(), fine])
+    assert "protocol[swelling].case" in told
+    assert "9 steps" in told
     renamed = studies.protocol("swelling", "free_swelling.toml", phase__loading__name="swelling")
-    one_problem("protocol[swelling].case", "loading, unloading", protocol=[studies.protocol(), renamed])
+    told = only_problem(protocol=[studies.protocol(), renamed])
+    assert "protocol[swelling].case" in told
+    assert "loading, unloading" in told
 
 
 # no swelling pressure holds the plain biphasic model's water: a high load presses all of it out
@@ -249,4 +254,6 @@ def test_unreadable_files_are_told(tmp_path):
 
 def test_changes_of_a_protocol_are_checked():
     wrong = studies.protocol(tissue__youngs_modulos=1)
-    one_problem("protocol[compression].case", "youngs_modulus", protocol=[wrong])
+    told = only_problem(protocol=[wrong])
+    assert "protocol[compression].case" in told
+    assert "youngs_modulus" in told

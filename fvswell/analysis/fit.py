@@ -12,6 +12,7 @@ import time
 import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 
@@ -19,12 +20,13 @@ import numpy as np
 import xarray as xr
 from scipy.optimize import minimize_scalar
 
-from fvswell.analysis.comparison import compared_quantities, phase_histories
+from fvswell.analysis.comparison import compared_quantities, phase_histories, phase_lengths
 from fvswell.case.case import Case, CaseError
 from fvswell.case.errors import Problem, nearest_name
 from fvswell.case.reading import value_type
 from fvswell.case.values import Quantity
 from fvswell.errors import SolverError
+from fvswell.physics.tissue import Array
 from fvswell.prediction.predictor import NO_VARIATION, coefficient_of_determination
 from fvswell.results.table import write_table
 from fvswell.simulation.run import Progress, run
@@ -208,29 +210,19 @@ def run_fit(
         If a run had to stop.
     """
     began = time.perf_counter()
-    reference = run(problem.case, problem.reference, path=reference_path, replace=replace, report=report)
-    ends = np.concatenate([[0.0], reference["phase_end"].values])
-    spans = dict(zip([phase.name for phase in problem.case.phase], pairwise(ends), strict=True))
-    quantities = compared_quantities(problem.case, reference)
-    compared = dict(zip(spans, quantities, strict=True))
-    for phase in problem.phases:
-        _, histories = phase_histories({"data": reference}, compared[phase], *spans[phase])
-        if np.ptp(histories["data"]) <= NO_VARIATION:
-            told = f"{compared[phase]} does not change in it: there is nothing to fit"
-            raise CaseError([Problem("phases", phase, told)], problem.case.source)
+    target = _Target(
+        problem, run(problem.case, problem.reference, path=reference_path, replace=replace, report=report)
+    )  # fmt: skip
+    target.check()
     trials: list[Trial] = []
 
     def attempt(value: float) -> xr.Dataset:
-        case = problem.fitted_case(value)
         try:
-            result = run(case, durations=np.diff(ends).tolist())
+            result = run(problem.fitted_case(value), durations=target.durations)
         except SolverError as error:
             raise SolverError(f"with {problem.parameter} = {value:.6g}: {error}", error.result) from None
-        r_squared = []
-        for phase in problem.phases:
-            _, histories = phase_histories({"own": result, "data": reference}, compared[phase], *spans[phase])
-            r_squared.append(float(coefficient_of_determination(histories["data"], histories["own"])))
-        trials.append(Trial(len(trials) + 1, value, sum(1.0 - each for each in r_squared), tuple(r_squared)))
+        r_squared = target.r_squared(result)
+        trials.append(Trial(len(trials) + 1, value, sum(1.0 - each for each in r_squared), r_squared))
         if tell is not None:
             tell(trials[-1])
         return result
@@ -243,16 +235,52 @@ def run_fit(
     low, high = (math.log(limit) for limit in problem.limits)
     minimize_scalar(squares, bounds=(low, high), method="bounded", options={"xatol": _RESOLUTION})
     best = min(trials, key=lambda trial: trial.squares)
-    fitted = run(problem.fitted_case(best.value), path=fitted_path, replace=replace, durations=np.diff(ends).tolist())
+    fitted = run(problem.fitted_case(best.value), path=fitted_path, replace=replace, durations=target.durations)
     return Fit(
         problem=problem,
-        quantities=tuple(compared[phase] for phase in problem.phases),
+        quantities=tuple(target.quantities[phase] for phase in problem.phases),
         trials=tuple(trials),
         seconds=time.perf_counter() - began,
-        reference_result=reference,
+        reference_result=target.result,
         unfitted_result=unfitted,
         fitted_result=fitted,
     )
+
+
+@dataclass(frozen=True)
+class _Target:
+    """The result of the reference, whose histories are to be followed."""
+
+    problem: FitProblem
+    result: xr.Dataset
+
+    @cached_property
+    def durations(self) -> list[float]:
+        """Durations of the phases, s."""
+        return phase_lengths(self.result)
+
+    @cached_property
+    def quantities(self) -> dict[str, str]:
+        """What the histories are of, by phase."""
+        names = [phase.name for phase in self.problem.case.phase]
+        return dict(zip(names, compared_quantities(self.problem.case, self.result), strict=True))
+
+    def check(self) -> None:
+        """Raise CaseError if nothing changes in a phase that counts."""
+        for phase in self.problem.phases:
+            if np.ptp(self._histories(phase, {})["data"]) <= NO_VARIATION:
+                told = f"{self.quantities[phase]} does not change in it: there is nothing to fit"
+                raise CaseError([Problem("phases", phase, told)], self.problem.case.source)
+
+    def r_squared(self, result: xr.Dataset) -> tuple[float, ...]:
+        """How well a result follows, in each phase that counts."""
+        pairs = [self._histories(phase, {"own": result}) for phase in self.problem.phases]
+        return tuple(float(coefficient_of_determination(pair["data"], pair["own"])) for pair in pairs)
+
+    def _histories(self, phase: str, others: dict[str, xr.Dataset]) -> dict[str, Array]:
+        spans = pairwise([0.0, *self.result["phase_end"].values])
+        start, end = dict(zip(self.quantities, spans, strict=True))[phase]
+        return phase_histories({"data": self.result, **others}, self.quantities[phase], start, end)[1]
 
 
 def _limits(

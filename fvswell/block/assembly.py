@@ -27,7 +27,7 @@ class LocalDerivatives(NamedTuple):
     volume_gradient: Array  # (8, cells): volumes of the cells by positions of the corners
     osmotic_slope: Array  # (cells,): osmotic pressure by ln c~
     edge_forces: Array  # (4, 4, boundary faces): forces at the ends of faces by positions of the ends
-    storage: Array  # entries of the stabilisation, volumes stored by water potentials
+    stabilisation: Array  # entries, volumes stored by water potentials
     transport: TransportDerivatives
     duration: float
 
@@ -37,7 +37,7 @@ class JacobianPattern:
 
     def __init__(
         self, grid: BlockGrid, diamonds: Diamonds, degrees_of_freedom: DegreesOfFreedom, edge_faces: Array,
-        storage: sparse.csr_array, balances: int,
+        stabilisation: sparse.csr_array, balances: int,
     ) -> None:  # fmt: skip
         self._grid, self._diamonds, self._degrees_of_freedom, self._balances = (
             grid,
@@ -53,7 +53,7 @@ class JacobianPattern:
         self.size = degrees_of_freedom.number + balances * grid.cells
         corners = degrees_of_freedom.of_vertex[:, grid.cell_vertices].reshape(8, -1)
         self._mechanics(corners, degrees_of_freedom.of_vertex[:, grid.face_vertices[:, edge_faces]].reshape(4, -1))
-        entries = storage.tocoo()
+        entries = stabilisation.tocoo()
         self._add(self._potential(0)[entries.row], self._potential(0)[entries.col])
         self._storage(corners)
         self._fluxes()
@@ -62,7 +62,7 @@ class JacobianPattern:
     def assemble(self, local: LocalDerivatives) -> Array:
         """Entries of the Jacobian in the order of the pattern."""
         by, dt, g = local.transport, local.duration, local.volume_gradient
-        parts = [local.corner_forces, -g, local.edge_forces, local.storage, by.contents[:, :1] * g]
+        parts = [local.corner_forces, -g, local.edge_forces, local.stabilisation, by.contents[:, :1] * g]
         if self._balances > 1:
             volumes = self._grid.volumes
             parts += [-g * local.osmotic_slope, volumes * by.contents[:, 1], dt * by.log_concentration]

@@ -70,7 +70,7 @@ class Block:
     degrees_of_freedom: DegreesOfFreedom
     solid: BlockSolid
     term: BlockTransportTerm
-    storage: sparse.csr_array  # see `stabilisation`
+    stabilisation: sparse.csr_array  # volumes stored by water potentials, see `block.stabilisation`
     pattern: JacobianPattern
     edge_faces: Array  # boundary faces on free and tied edges
     edge_of_face: Array  # index among EDGES
@@ -136,7 +136,13 @@ class Block:
         by_transport = self.term.derivatives(state.positions, state.balance)
         data = self.pattern.assemble(
             LocalDerivatives(
-                forces, gradient, osmotic_slope[-1], edge_forces, self.storage.data, by_transport, interval.duration
+                forces,
+                gradient,
+                osmotic_slope[-1],
+                edge_forces,
+                self.stabilisation.data,
+                by_transport,
+                interval.duration,
             )
         )
         for edge, index in self.degrees_of_freedom.of_tied_edge.items():
@@ -209,7 +215,7 @@ class Block:
     def _storing(self, balance: BlockBalance, water_potential: Array) -> BlockBalance:
         """The balance with what the stabilisation stores besides water."""
         stored = np.zeros_like(balance.residual)
-        stored[0, 0] = self.storage @ water_potential
+        stored[0, 0] = self.stabilisation @ water_potential
         return balance._replace(
             residual=balance.residual + stored, contents=balance.contents + stored / self.grid.volumes
         )
@@ -260,7 +266,7 @@ def make_block(
     unknown = degrees_of_freedom(grid, edges)
     loaded = [i for i, edge in enumerate(EDGES) if edges[edge].displacement in ("free", "tied")]
     shear = np.broadcast_to(shear_modulus(cells.tissue)[0], (grid.cells,))
-    storage = alternating_storage(grid, shear)
+    stabilisation = alternating_storage(grid, shear)
     edge_faces = np.concatenate([np.zeros(0, dtype=int), *(grid.edges[EDGES[i]] for i in loaded)])
     edge_of_face = np.repeat(loaded, [len(grid.edges[EDGES[i]]) for i in loaded]).astype(int)
     return Block(
@@ -269,8 +275,8 @@ def make_block(
         degrees_of_freedom=unknown,
         solid=block_solid(grid, solid),
         term=BlockTransportTerm(grid, crossed, cells, at_points(faces, crossed.faces)),
-        storage=storage,
-        pattern=JacobianPattern(grid, crossed, unknown, edge_faces, storage, len(cells.model.balances)),
+        stabilisation=stabilisation,
+        pattern=JacobianPattern(grid, crossed, unknown, edge_faces, stabilisation, len(cells.model.balances)),
         edge_faces=edge_faces,
         edge_of_face=edge_of_face,
         gather_corners=unknown.gather(grid.cell_vertices),

@@ -188,10 +188,11 @@ def _home(root: type[Table], table: type[Table], name: str) -> str:
     homes = [heading for heading, other in tables if name in other.model_fields]
     around = tuple(f"{heading.key}." for heading, other in tables if other is table and heading.key)
     inside = [heading for heading in homes if heading.key.startswith(around)] if around else []
-    apart = {heading.key: {home.told_apart for home in homes if home.key == heading.key} for heading in homes}
-    told = [
-        f"{heading} {heading.told_apart}".strip() if heading.key and len(apart[heading.key]) == 1 else
-        str(heading) if heading.key else "the title"
-        for heading in inside or homes
-    ]  # fmt: skip
-    return " or ".join(dict.fromkeys(told))
+    keys = [heading.key for heading in homes]
+
+    def told(heading: Heading) -> str:
+        if not heading.key:
+            return "the title"
+        return f"{heading} {heading.told_apart}".strip() if keys.count(heading.key) == 1 else str(heading)
+
+    return " or ".join(dict.fromkeys(map(told, inside or homes)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fvswell.case.case import Case
+from fvswell.case.errors import CaseError
 from fvswell.column.fields import column_fields
 from fvswell.column.newton import ColumnSystem
 from fvswell.errors import SolverError
@@ -15,7 +16,7 @@ from fvswell.physics.tissue import Array
 from fvswell.results.fields import FIELDS
 from fvswell.results.file import Layout
 from fvswell.simulation.column_batch import ColumnBatch
-from fvswell.simulation.relaxation import duration_problem, phase_durations
+from fvswell.simulation.relaxation import overlong_ramps, phase_durations, unrelaxed_phase
 
 __all__ = ["ColumnRun"]
 
@@ -32,10 +33,20 @@ class ColumnRun:
         return self.batch.system
 
     def durations(self) -> Array:
-        """Durations of the phases, (1, phases), s; raises SolverError where one is not to be found."""
+        """Durations of the phases, (1, phases), s.
+
+        Raises
+        ------
+        CaseError
+            If a ramp is longer than its phase turns out to be.
+        SolverError
+            If the biphasic-swelling model does not relax.
+        """
         duration = phase_durations([self.case])
-        if told := duration_problem(self.case, duration[0]):
+        if told := unrelaxed_phase(self.case, duration[0]):
             raise SolverError(f"{self.case.source}: {told}")
+        if problems := overlong_ramps(self.case, duration[0]):
+            raise CaseError(problems, self.case.source)
         return duration
 
     def start(self) -> State:

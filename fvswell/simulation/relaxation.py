@@ -14,6 +14,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from fvswell.case.case import Case
+from fvswell.case.errors import Problem, shown
 from fvswell.case.values import Ramp, RelaxationTimes
 from fvswell.numerics.protocol import Drive, Protocol
 from fvswell.numerics.time_stepping import Marcher, State, Step
@@ -21,7 +22,7 @@ from fvswell.physics.models import BIPHASIC_SWELLING
 from fvswell.physics.tissue import Array
 from fvswell.simulation.column_batch import ColumnBatch
 
-__all__ = ["duration_problem", "phase_durations"]
+__all__ = ["overlong_ramps", "phase_durations", "unrelaxed_phase"]
 
 _TOLERANCE = 1e-4  # of the largest strain, in each step
 _PATIENCE = 100.0  # consolidation times after which a sample that has not relaxed never will
@@ -52,16 +53,23 @@ def phase_durations(cases: Sequence[Case]) -> Array:
     return duration
 
 
-def duration_problem(case: Case, duration: Array) -> str:
-    """What is wrong with the durations ``(phases,)`` found for a case: one is missing, or a ramp is longer."""
-    for phase, length in zip(case.phase, duration, strict=True):
-        if not np.isfinite(length):
-            return f"the biphasic-swelling model does not relax in phase {phase.name}; give its duration in s"
-        for key, load in phase:
-            if isinstance(load, Ramp) and load.over > length:
-                told = f"longer than the phase, {phase.duration}, which is {length:.4g} s"
-                return f"phase {phase.name}: the ramp of {key}, {load.over:g} s, is {told}"
-    return ""
+def unrelaxed_phase(case: Case, duration: Array) -> str:
+    """What to tell of a case whose durations ``(phases,)`` were not all found; nothing if they were."""
+    unknown = np.flatnonzero(~np.isfinite(duration))
+    if not len(unknown):
+        return ""
+    name = case.phase[unknown[0]].name
+    return f"the biphasic-swelling model does not relax in phase {name}; give its duration in s"
+
+
+def overlong_ramps(case: Case, duration: Array) -> list[Problem]:
+    """Ramps that outlast their phases, whose durations ``(phases,)`` were found."""
+    return [
+        Problem(f"phase[{phase.name}].{key}", shown(load._asdict()), load.longer_than(length))
+        for phase, length in zip(case.phase, duration.tolist(), strict=True)
+        for key, load in phase
+        if isinstance(load, Ramp) and load.over > length
+    ]
 
 
 def _marcher(batch: ColumnBatch, state: State, phase: int, duration: Array) -> Marcher:

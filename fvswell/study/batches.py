@@ -13,7 +13,7 @@ from fvswell.case.case import Case
 from fvswell.physics.tissue import Array
 from fvswell.prediction.predictor import coefficient_of_determination
 from fvswell.results.file import COMPLETE
-from fvswell.simulation.relaxation import duration_problem, phase_durations
+from fvswell.simulation.relaxation import overlong_ramps, phase_durations, unrelaxed_phase
 from fvswell.study.fields import STRAIN_CURVES
 from fvswell.study.sampling import ModelHistory, model_history
 from fvswell.study.study import Study
@@ -84,7 +84,7 @@ def run_batch(batch: Batch) -> BatchResult:
     base = Case.from_toml(batch.case_toml)
     cases = [base.with_changes(changes) for changes in batch.changes]
     duration = phase_durations(cases)
-    status = np.array([duration_problem(*each) for each in zip(cases, duration, strict=True)], dtype=object)
+    status = np.array([_duration_status(*each) for each in zip(cases, duration, strict=True)], dtype=object)
     rows = np.flatnonzero(status == "")
     result = _nothing(len(cases), len(base.phase), base.time.samples_per_phase)
     result["phase_duration"] = duration
@@ -101,6 +101,11 @@ def run_batch(batch: Batch) -> BatchResult:
     if not batch.strain_curves:
         del result[STRAIN_CURVES]
     return result | {"run_status": status.astype(str)}
+
+
+def _duration_status(case: Case, duration: Array) -> str:
+    """What is wrong with the durations found for a run; nothing if it can be run."""
+    return unrelaxed_phase(case, duration) or "; ".join(map(str, overlong_ramps(case, duration)))
 
 
 def _nothing(rows: int, phases: int, samples: int) -> BatchResult:
