@@ -348,3 +348,16 @@ def test_reading_what_is_no_result_is_told(tmp_path: Path) -> None:
     ):
         with pytest.raises(OutputError, match=reason):
             read_result(path)
+
+
+def test_an_interruption_as_the_file_comes_into_being_leaves_nothing(tmp_path, monkeypatch):
+    """The file is on disk before the library has handed it over."""
+
+    def interrupted(path: Path, *args: object, **kwargs: object) -> None:
+        path.touch()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("fvswell.results.file.netCDF4.Dataset", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run(small_compression(), path=tmp_path / "interrupted.nc")
+    assert list(tmp_path.iterdir()) == []

@@ -111,11 +111,11 @@ class ResultFile:
         refuse_existing([path], replace)
         self.path, self.layout = path, layout
         self._part = path.with_name(path.name + ".part")
-        with self._writing():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = netCDF4.Dataset(self._part, "w", format="NETCDF4")
-        try:
+        self._file: Any = None
+        try:  # an interruption may come as soon as the file is there
             with self._writing():
+                path.parent.mkdir(parents=True, exist_ok=True)
+                self._file = netCDF4.Dataset(self._part, "w", format="NETCDF4")
                 self._define()
         except BaseException:
             self.discard()
@@ -157,9 +157,11 @@ class ResultFile:
 
     def discard(self) -> None:
         """Leave nothing behind."""
-        with suppress(RuntimeError):  # of what cannot be flushed to a full disk, or is closed already
-            self._file.close()
-        self._part.unlink(missing_ok=True)
+        if self._file is not None:
+            with suppress(RuntimeError):  # of what cannot be flushed to a full disk, or is closed already
+                self._file.close()
+        with suppress(OSError):  # of a place where nothing could be written in the first place
+            self._part.unlink(missing_ok=True)
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
