@@ -227,7 +227,7 @@ def test_interrupt_ends_with_130_and_leaves_nothing(case_file: Path) -> None:
     process.send_signal(signal.SIGINT)
     _, told = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert told == "error: interrupted: the unfinished result was discarded\n"
+    assert told == "error: interrupted: nothing unfinished is kept\n"
     assert files() == {"small.toml"}
 
 

@@ -41,7 +41,7 @@ def told_errors(command: Callable[_Parameters, None]) -> Callable[_Parameters, N
         except SolverError as error:
             _stop(str(error), SOLVER_STOPPED)
         except KeyboardInterrupt:
-            _stop("interrupted: the unfinished result was discarded", INTERRUPTED)
+            _stop("interrupted: nothing unfinished is kept", INTERRUPTED)
 
     return wrapped
 

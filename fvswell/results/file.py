@@ -1,14 +1,12 @@
 """Result files: netCDF by the CF conventions, written as the run goes on, never half written.
 
-A file grows under the name ``NAME.nc.part`` and gets its own name when it is closed. Its ``run_status`` is
-"complete" or tells when and why the run stopped. The case is in it, whole, so it can be run again from the
-file alone.
+The ``run_status`` of a file is "complete" or tells when and why the run stopped. The case is in it, whole, so it can be
+run again from the file alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +18,7 @@ from fvswell.case.case import Case
 from fvswell.errors import OutputError
 from fvswell.physics.tissue import Array
 from fvswell.results.fields import FIELDS
+from fvswell.results.part_file import PartFile
 from fvswell.results.provenance import provenance
 
 __all__ = [
@@ -32,6 +31,8 @@ __all__ = [
     "read_result",
     "refuse_existing",
 ]
+
+_TIME_ATTRIBUTES = {"units": "s", "long_name": "time since the load first changed", "axis": "T"}
 
 COMPLETE = "complete"
 SAME_TIME = 1e-9  # relative: times of results that are closer are one
@@ -94,11 +95,20 @@ class Layout:
                 attributes |= {"mesh": self.mesh}
         return attributes
 
+    def define(self, file: netCDF4.Dataset) -> None:
+        """Write attributes, dimensions and coordinates to a new file."""
+        file.setncatts(self.attributes | {"run_status": "running"})
+        for name, size in (*self.dimensions.items(), ("time", None), ("step", None)):
+            file.createDimension(name, size)
+        for name, (dimensions, values, attributes) in self.coordinates.items():
+            fill = attributes.get("_FillValue")
+            variable: Any = file.createVariable(name, np.asarray(values).dtype, dimensions, fill_value=fill)
+            variable.setncatts({key: value for key, value in attributes.items() if key != "_FillValue"})
+            variable[...] = values
+        file.createVariable("time", "f8", ("time",)).setncatts(_TIME_ATTRIBUTES)
 
-_TIME_ATTRIBUTES = {"units": "s", "long_name": "time since the load first changed", "axis": "T"}
 
-
-class ResultFile:
+class ResultFile(PartFile):
     """A result file that grows with the run.
 
     Raises
@@ -109,74 +119,35 @@ class ResultFile:
 
     def __init__(self, path: Path, layout: Layout, replace: bool = False) -> None:
         refuse_existing([path], replace)
-        self.path, self.layout = path, layout
-        self._part = path.with_name(path.name + ".part")
-        self._file: Any = None
-        try:  # an interruption may come as soon as the file is there
-            with self._writing():
-                path.parent.mkdir(parents=True, exist_ok=True)
-                self._file = netCDF4.Dataset(self._part, "w", format="NETCDF4")
-                self._define()
-        except BaseException:
-            self.discard()
-            raise
-
-    def _define(self) -> None:
-        layout = self.layout
-        self._file.setncatts(layout.attributes | {"run_status": "running"})
-        for name, size in (*layout.dimensions.items(), ("time", None), ("step", None)):
-            self._file.createDimension(name, size)
-        for name, (dimensions, values, attributes) in layout.coordinates.items():
-            fill = attributes.get("_FillValue")
-            variable = self._file.createVariable(name, np.asarray(values).dtype, dimensions, fill_value=fill)
-            variable.setncatts({key: value for key, value in attributes.items() if key != "_FillValue"})
-            variable[...] = values
-        self._file.createVariable("time", "f8", ("time",)).setncatts(_TIME_ATTRIBUTES)
+        super().__init__(path, layout.define)
+        self.layout = layout
 
     def append(self, time: float, record: Record) -> None:
         """Add a record at the end of the time axis."""
-        with self._writing():
-            index = len(self._file.dimensions["time"])
-            self._file["time"][index] = time
+        with self.writing() as file:
+            index = len(file.dimensions["time"])
+            file["time"][index] = time
             for name, value in record.items():
-                self._variable(name)[index] = value
+                self._variable(file, name)[index] = value
 
     def append_steps(self, history: Mapping[str, Sequence[float]]) -> None:
         """Add the solver's history of some steps."""
-        with self._writing():
-            start = len(self._file.dimensions["step"])
+        with self.writing() as file:
+            start = len(file.dimensions["step"])
             for name, values in history.items():
-                self._variable(name)[start : start + len(values)] = values
+                self._variable(file, name)[start : start + len(values)] = values
 
     def close(self, status: str) -> None:
         """Finish the file and give it its name."""
-        with self._writing():
-            self._file.run_status = status
-            self._file.close()
-            self._part.replace(self.path)
+        with self.writing() as file:
+            file.run_status = status
+        self.finish()
 
-    def discard(self) -> None:
-        """Leave nothing behind."""
-        if self._file is not None:
-            with suppress(RuntimeError):  # of what cannot be flushed to a full disk, or is closed already
-                self._file.close()
-        with suppress(OSError):  # of a place where nothing could be written in the first place
-            self._part.unlink(missing_ok=True)
-
-    @contextmanager
-    def _writing(self) -> Iterator[None]:
-        """Errors of the file system and of the netCDF library, told with the file's name."""
-        try:
-            yield
-        except (OSError, RuntimeError) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise OutputError(f"{self._part}: cannot be written: {reason}") from None
-
-    def _variable(self, name: str) -> Any:
-        if name not in self._file.variables:
-            variable = self._file.createVariable(name, "f8", self.layout.field_dimensions(name))
+    def _variable(self, file: netCDF4.Dataset, name: str) -> netCDF4.Variable:
+        if name not in file.variables:
+            variable: netCDF4.Variable[Array] = file.createVariable(name, "f8", self.layout.field_dimensions(name))
             variable.setncatts(self.layout.field_attributes(name))
-        return self._file[name]
+        return file[name]
 
 
 def in_memory(

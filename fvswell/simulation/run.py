@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -83,8 +84,7 @@ def run(
     body = _body(case)
     duration = body.durations() if durations is None else np.array([durations], dtype=float)
     layout = body.layout(duration)
-    file = ResultFile(path, layout, replace) if path is not None else None
-    try:
+    with nullcontext() if path is None else ResultFile(path, layout, replace) as file:
         recorder = _Recorder(body, duration, file, report)
         marcher = Marcher(body.system, body.protocol(duration), body.control(), recorder.state, [recorder])
         marcher.run()
@@ -92,10 +92,6 @@ def run(
         recorder.finish()
         if file is not None:
             file.close(status)
-    except BaseException:
-        if file is not None:
-            file.discard()
-        raise
     result = in_memory(layout, recorder.times, recorder.records, recorder.history, status)
     if status != COMPLETE:
         raise SolverError(f"{case.source}: {status}", result)

@@ -13,6 +13,7 @@ import xarray as xr
 from fvswell.errors import OutputError
 from fvswell.physics.tissue import Array
 from fvswell.results.file import COMPLETE
+from fvswell.results.part_file import PartFile
 from fvswell.results.provenance import provenance
 from fvswell.study.batches import Batch, BatchResult
 from fvswell.study.fields import COORDINATES, STRAIN_CURVES, STUDY_FIELDS
@@ -55,29 +56,22 @@ def write_study(
     OutputError
         If the file cannot be written.
     """
-    part = path.with_name(path.name + ".part")
     runs_of = {batch.index: np.array(batch.runs) for batch in batches}
     status = np.array([""] * len(study.runs), dtype=object)
     for run, reason in study.impossible.items():
         status[run] = f"not run: {reason}"
     try:
-        with netCDF4.Dataset(part, "w", format="NETCDF4") as file:
-            _define(file, study)
+        with PartFile(path, lambda new: _define(new, study)) as part:
             for index, result in results:
-                runs = runs_of[index]
-                for name, values in result.items():
-                    if name == "run_status":
-                        status[runs] = values
-                    else:
-                        file[name][runs] = values
-            file["run_status"][:] = status
-        part.replace(path)
-    except (OSError, RuntimeError) as error:  # netCDF4 raises RuntimeError when the disk is full
-        part.unlink(missing_ok=True)
-        raise OutputError(
-            f"{part}: cannot be written: {getattr(error, 'strerror', None) or error}; the finished batches are kept, "
-            "and the same command puts them together"
-        ) from None
+                status[runs_of[index]] = result.pop("run_status")
+                with part.writing() as file:
+                    for name, values in result.items():
+                        file[name][runs_of[index]] = values
+            with part.writing() as file:
+                file["run_status"][:] = status
+            part.finish()
+    except OutputError as error:
+        raise OutputError(f"{error}; the finished batches are kept, and the same command puts them together") from None
     return int(np.sum(status == COMPLETE)), len(status)
 
 
