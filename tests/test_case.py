@@ -435,7 +435,7 @@ WRONG = [
     ("bath.temperature", "-300 degC", "must be above 0 K"),
     ("bath.osmotic_coefficient", 0, "must be above 0"),
     ("geometry.height", "0 mm", "must be above 0 mm"),
-    ("geometry.cells", 1, "must be a whole number, at least 2"),
+    ("geometry.cells", 1, "must be a whole number from 2 to 10000"),
     ("geometry.cells", 10.5, "must be a whole number"),
     ("geometry.cells", "10", "must be a whole number"),
     ("geometry.cells", True, "must be a whole number"),

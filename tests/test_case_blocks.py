@@ -45,6 +45,9 @@ def problems(**changes: Any) -> str:
         ({"phase__compression__bottom": {"pressure": 0.1}}, "the edge is fixed: it can be given for free or tied"),
         ({"phase__compression__right": {"force": 0.1}}, "the edge is free: it can be given for tied"),
         ({"phase__compression__top": {"displacement": -0.1}}, "jumps, which needs infinite pressure"),
+        ({"geometry__height": 1e9}, "times as long as wide, more than 100000: change the lengths"),
+        ({"geometry__grading": 1e7}, "must be at least 1 and at most 1e+06"),
+        ({"geometry__cells": [20, 10**9]}, "must be a whole number from 1 to 1000"),
         ({"phase__swelling__duration": "1 relaxation times"}, "relaxation times are of columns"),
         (
             {"tissue__youngs_modulus": {"depth": [0.0, 1.0], "value": [0.5, 1.0]}},

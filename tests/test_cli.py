@@ -214,6 +214,13 @@ def test_phase_that_does_not_relax_ends_with_3(case_file: Path) -> None:
     assert files() == {"small.toml"}
 
 
+def test_want_of_memory_ends_with_3_and_leaves_nothing(case_file: Path) -> None:
+    done = fvswell("run", case_file, "--set", "time.steps_per_phase=10000000000000")
+    assert done.exit_code == 3
+    assert done.stderr == "error: out of memory: fewer cells, steps or output times need less\n"
+    assert files() == {"small.toml"}
+
+
 def test_interrupt_ends_with_130_and_leaves_nothing(case_file: Path) -> None:
     process = subprocess.Popen(
         [*COMMAND, "run", "small.toml", "--set", "time.steps_per_phase=100000"],

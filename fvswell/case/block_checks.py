@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["check_block_case"]
 
+_LARGEST_ASPECT_RATIO = 1e5  # of a cell
 _DRIVABLE = {"pressure": ("free", "tied"), "force": ("tied",), "displacement": ("tied",)}
 
 
@@ -36,6 +37,14 @@ def check_block_case(case: BlockCase) -> Iterator[Finding]:
     if geometry.probe is not None and (geometry.probe[0] > geometry.width or geometry.probe[1] > geometry.height):
         yield Finding(
             ("geometry", "probe"), f"lies outside the block, which is {geometry.width:g} mm x {geometry.height:g} mm"
+        )
+    x, y = (np.diff(nodes) for nodes in case.grid_nodes())
+    longest = max(x.max() / y.min(), y.max() / x.min())
+    if longest > _LARGEST_ASPECT_RATIO:
+        yield Finding(
+            ("geometry", "cells"),
+            f"a cell would be {longest:.2g} times as long as wide, more than {_LARGEST_ASPECT_RATIO:g}: change the "
+            "lengths of the block, the cells or their grading",
         )
     if case.assembly != "coupled-term":
         yield Finding(("assembly",), 'is for columns: a block is assembled by "coupled-term"')

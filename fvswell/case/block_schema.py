@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from fvswell.block.sides import EDGES
-from fvswell.case.schema import Phase, Table
+from fvswell.case.schema import LARGEST_GRADING, Phase, Table
 from fvswell.case.values import Choice, Counts, Flag, Load, Names, Point, Quantity, Ramp
 
 __all__ = [
@@ -44,8 +44,8 @@ class _BlockGeometry(Table):
     height: Annotated[float, Quantity("length", above=0.0)] = Field(
         description="Height of the stress-free solid (J = 1)."
     )
-    cells: Annotated[tuple[int, int], Counts(1)] = Field(description="Number of cells along x and along y.")
-    grading: Annotated[float, Quantity(at_least=1.0)] = Field(
+    cells: Annotated[tuple[int, int], Counts(1, 1000)] = Field(description="Number of cells along x and along y.")
+    grading: Annotated[float, Quantity(at_least=1.0, at_most=LARGEST_GRADING)] = Field(
         default=1.0, description="Largest cell over smallest, along each axis that is graded."
     )
     finest_at: Annotated[tuple[str, ...], Names(EDGES)] = Field(

@@ -137,6 +137,19 @@ class BlockCase(Case):
         """Tissue at points ``(2, points)`` of the stress-free solid, mm; arrays (1, 1) or (1, points)."""
         return self.tissue.at({"x": points[0], "y": points[1]}, self.bath)
 
+    def grid_nodes(self) -> tuple[Array, Array]:
+        """Coordinates of the grid's nodes along x and along y, mm."""
+        from fvswell.block.grid import graded_nodes  # takes FiPy along, which columns need not wait for
+
+        geometry = self.geometry
+        ends = {"left": "start", "right": "end", "bottom": "start", "top": "end"}
+        sides = (("left", "right"), ("bottom", "top"))
+        x, y = (
+            graded_nodes(length, cells, geometry.grading, [ends[edge] for edge in edges if edge in geometry.finest_at])
+            for length, cells, edges in zip((geometry.width, geometry.height), geometry.cells, sides, strict=True)
+        )
+        return x, y
+
 
 def load_case(path: str | PathLike[str]) -> Case:
     """Read and check a case file.

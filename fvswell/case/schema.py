@@ -21,6 +21,7 @@ from fvswell.physics.tissue import Array, Tissue
 __all__ = [
     "BLOCK_GEOMETRIES",
     "GEOMETRIES",
+    "LARGEST_GRADING",
     "MODELS",
     "STEPS_PER_PHASE",
     "BackwardEuler",
@@ -43,6 +44,7 @@ __all__ = [
 MODELS = ("biphasic", "biphasic-swelling", "electrochemical")
 BLOCK_GEOMETRIES = ("plane-strain", "axisymmetric")
 GEOMETRIES = ("column", *BLOCK_GEOMETRIES)
+LARGEST_GRADING = 1e6
 STEPS_PER_PHASE = 50  # as Wilson et al. (2005)
 
 _Varying = float | DepthProfile | PlaneProfile
@@ -77,8 +79,8 @@ class ColumnGeometry(Table):
     height: Annotated[float, Quantity("length", above=0.0)] = Field(
         description="Height of the stress-free solid (J = 1)."
     )
-    cells: Annotated[int, Count(2)] = Field(default=50, description="Number of cells over the height.")
-    grading: Annotated[float, Quantity(at_least=1.0)] = Field(
+    cells: Annotated[int, Count(2, 10_000)] = Field(default=50, description="Number of cells over the height.")
+    grading: Annotated[float, Quantity(at_least=1.0, at_most=LARGEST_GRADING)] = Field(
         default=1.0, description="Largest cell over smallest; the finest lies at the filter."
     )
 

@@ -172,16 +172,17 @@ class Counts(ValueType):
     """Two whole numbers: along x and along y."""
 
     at_least: int
+    at_most: int
 
     @property
     def allowed(self) -> str:
-        """The smallest numbers."""
-        return f"two whole numbers, [along x, along y], each at least {self.at_least}"
+        """The bounds of both."""
+        return f"two whole numbers, [along x, along y], each from {self.at_least} to {self.at_most}"
 
     def _read(self, value: Any) -> tuple[int, int]:
         if not isinstance(value, list | tuple) or len(value) != 2:
             raise ValueError(f"must be {self.allowed}")
-        x, y = (Count(self.at_least)._read(item) for item in value)
+        x, y = (Count(self.at_least, self.at_most)._read(item) for item in value)
         return x, y
 
     def _plain(self, value: tuple[int, int]) -> list[int]:
@@ -210,16 +211,22 @@ class Count(ValueType):
     """A whole number."""
 
     at_least: int
+    at_most: int | None = None
 
     @property
     def allowed(self) -> str:
-        """The smallest number."""
-        return f"a whole number, at least {self.at_least}"
+        """The bounds."""
+        if self.at_most is None:
+            return f"a whole number, at least {self.at_least}"
+        return f"a whole number from {self.at_least} to {self.at_most}"
 
     def _read(self, value: Any) -> int:
-        if isinstance(value, bool) or not isinstance(value, Integral) or value < self.at_least:
+        if isinstance(value, bool) or not isinstance(value, Integral) or not self._is_within(int(value)):
             raise ValueError(f"must be {self.allowed}")
         return int(value)
+
+    def _is_within(self, value: int) -> bool:
+        return self.at_least <= value and (self.at_most is None or value <= self.at_most)
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,8 @@ def told_errors(command: Callable[_Parameters, None]) -> Callable[_Parameters, N
             _stop(str(error), BAD_INPUT)
         except SolverError as error:
             _stop(str(error), SOLVER_STOPPED)
+        except MemoryError:
+            _stop("out of memory: fewer cells, steps or output times need less", SOLVER_STOPPED)
         except KeyboardInterrupt:
             _stop("interrupted: nothing unfinished is kept", INTERRUPTED)
 

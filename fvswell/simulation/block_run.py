@@ -16,7 +16,7 @@ from fvswell.block.equilibrium import (
     with_open_circuit_ratio,
 )
 from fvswell.block.fields import block_fields
-from fvswell.block.grid import BlockGrid, block_grid, graded_nodes
+from fvswell.block.grid import BlockGrid, block_grid
 from fvswell.block.mechanics import integration_points
 from fvswell.block.sides import EDGE_AXIS, EDGES
 from fvswell.block.system import BlockSystem
@@ -153,7 +153,7 @@ class BlockRun:
         time = self.case.time
         if time.fixed_steps is not None:
             return StepControl(BACKWARD_EULER)
-        finest = min(np.diff(nodes).min() for nodes in _nodes(self.case))
+        finest = min(np.diff(nodes).min() for nodes in self.case.grid_nodes())
         first = (
             FIRST_STEP * finest**2 / float((self.tissue.hydraulic_permeability * aggregate_modulus(self.tissue)).max())
         )
@@ -257,19 +257,8 @@ class BlockRun:
         return int(np.hypot(*(self.grid.vertices - np.array(place)[:, None])).argmin())
 
 
-def _nodes(case: BlockCase) -> tuple[Array, Array]:
-    geometry = case.geometry
-    ends = {"left": "start", "right": "end", "bottom": "start", "top": "end"}
-    sides = (("left", "right"), ("bottom", "top"))
-    x, y = (
-        graded_nodes(length, cells, geometry.grading, [ends[edge] for edge in edges if edge in geometry.finest_at])
-        for length, cells, edges in zip((geometry.width, geometry.height), geometry.cells, sides, strict=True)
-    )
-    return x, y
-
-
 def _grid(case: BlockCase) -> BlockGrid:
-    return block_grid(case.geometry.kind, *_nodes(case))
+    return block_grid(case.geometry.kind, *case.grid_nodes())
 
 
 def _edges(case: BlockCase) -> dict[str, EdgeCondition]:
