@@ -11,7 +11,7 @@ from columns import compression, march, single_phase
 
 import fvswell
 from fvswell import SolverError
-from fvswell.case.case import Case
+from fvswell.case.case import MODELS, Case
 from fvswell.column.newton import ColumnSystem
 from fvswell.numerics.system import LoadValues, Solution, Stage
 from fvswell.numerics.time_stepping import Marcher, State, Step
@@ -64,14 +64,28 @@ def test_lost_matter_is_not_passed_over(monkeypatch: pytest.MonkeyPatch) -> None
 
     def leak(self: ColumnSystem, *arguments: Any) -> Solution:
         solution = solve(self, *arguments)
-        solution.contents[0] *= 1.0 - 1e-7
+        solution.contents[0] *= 1.0 - 1e-6
         return solution
 
     monkeypatch.setattr(ColumnSystem, "solve", leak)
-    with pytest.raises(SolverError, match=r"a balance is off by .* of what crossed the boundary") as raised:
+    with pytest.raises(
+        SolverError, match=r"a balance is off by .* of what is in the tissue and crossed its boundary"
+    ) as raised:
         fvswell.run(compression(geometry__cells=10), "biphasic")
     assert raised.value.result.attrs["run_status"].startswith("stopped")
     assert raised.value.result["volume_balance_error"].max() > 1e-8
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_rounding_in_a_long_step_at_rest_is_not_taken_for_a_loss(model: str) -> None:
+    """The fluxes on fine cells of a permeable tissue are large differences; hardly an anion is in this one."""
+    case = compression(
+        geometry__cells=5, geometry__grading=50.0, tissue__youngs_modulus=1.7, tissue__hydraulic_permeability=0.055,
+        bath__concentration=1.4e-6, time__steps_per_phase=1,
+    )  # fmt: skip
+    result = fvswell.run(single_phase(case, 2000.0, piston_pressure=0.0), model)
+    assert result.attrs["run_status"] == "complete"
+    assert abs(float(result["global_strain"][-1])) < 1e-9
 
 
 def squeezed(model: str) -> Case:
@@ -84,7 +98,7 @@ def squeezed(model: str) -> Case:
 
 def test_piston_that_is_too_fast_for_the_water_is_told() -> None:
     """The cells at the filter dry out: the solid alone bears any suction down to no water at all."""
-    with pytest.raises(SolverError, match=r"stopped at t = 0.59.*volume balance did not converge") as raised:
+    with pytest.raises(SolverError, match=r"stopped at t = 0.59.*without water at 0.0031 mm from the filter") as raised:
         fvswell.run(squeezed("biphasic"))
     result = raised.value.result
     assert 0.0 < result["fluid_fraction"].min() < 1e-6

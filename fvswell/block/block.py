@@ -58,7 +58,7 @@ class BlockState(NamedTuple):
     potentials: Array  # (balances, 1, cells)
     osmotic_pressure: Array  # (cells,)
     balance: BlockBalance
-    admissible: bool  # no cell is inverted or without water
+    sound: Array  # (cells,) whether a cell is neither inverted nor without water
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class Block:
                 momentum[index] = (unknowns[index] - target) * self.momentum_scale[index] / self.length_scale
         return BlockState(
             np.concatenate([momentum, balance.residual.ravel()]), internal, positions, F, J, potentials, osmotic,
-            balance, self._admissible(F, J, balance),
+            balance, self._sound(F, J, balance),
         )  # fmt: skip
 
     def jacobian(self, state: BlockState, interval: BlockInterval, loads: EdgeLoads) -> Array:
@@ -232,11 +232,13 @@ class Block:
         forces = pressure[self.edge_of_face] * edge_pressure_forces(self.grid.section, ends)
         return self.gather_ends @ forces.ravel()
 
-    def _admissible(self, F: Array, J: Array, balance: BlockBalance) -> bool:
-        upright = (F[0] * F[3] > F[1] * F[2]).all() and (F[4] > 0.0).all()
+    def _sound(self, F: Array, J: Array, balance: BlockBalance) -> Array:
+        upright = ((F[0] * F[3] > F[1] * F[2]) & (F[4] > 0.0)).all(axis=0)
         cells, faces = self.term.cells.tissue, self.term.faces.tissue
-        water = (J - 1.0 + cells.fluid_fraction, balance.faces.local.J - 1.0 + faces.fluid_fraction)
-        return bool(upright and all((part > 0.0).all() for part in water))
+        sound = upright & (J[0] - 1.0 + cells.fluid_fraction[0] > 0.0)
+        dry = balance.faces.local.J[0] - 1.0 + faces.fluid_fraction[0] <= 0.0
+        sound[self.term.diamonds.cells[0, dry]] = False
+        return sound
 
 
 def make_block(

@@ -85,7 +85,7 @@ class BlockSystem:
             contents=result.state.balance.contents,
             fluxes=fluxes,
             inflow=-balance.fluxes[..., self.block.term.diamonds.boundary].sum(axis=-1),
-            residual=self._residual_at_points(result.residual),
+            residual=self._residual_at_points(result),
             converged=np.array([result.converged]),
             iterations=np.array([result.iterations]),
         )
@@ -107,11 +107,13 @@ class BlockSystem:
 
         return newton(unknowns, evaluate, factorise, lambda change: float(np.abs(change / unknown_scale).max()))
 
-    def _residual_at_points(self, residual: Array) -> Array:
-        block = self.block
+    def _residual_at_points(self, result: NewtonResult) -> Array:
+        """Relative residuals; there is none of the volume balance in a cell that is not sound."""
+        block, residual = self.block, result.residual
         V, cells, vertices = len(block.balances), block.grid.cells, block.grid.vertices.shape[1]
         at_points = np.zeros((V + 1, 1, vertices))
         at_points[:V, 0, :cells] = residual[block.degrees_of_freedom.number :].reshape(V, cells)
+        at_points[0, 0, :cells][~result.state.sound] = np.inf
         momentum = np.abs(block.degrees_of_freedom.displacements(residual[: block.degrees_of_freedom.number]))
         at_points[V, 0] = momentum.max(axis=0)
         return at_points

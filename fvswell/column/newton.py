@@ -25,6 +25,7 @@ _NEAR = 1e-6  # change of an unknown so close to the solution that Newton's step
 _ROUNDING = 1e-12  # change of an unknown that is rounding already: no balance can be closed better
 _IMBALANCE = 1e-11  # of the largest change of content in a cell: converged whatever the last update was
 _UNBALANCED = 1e-9  # of a cell's content: never accepted above
+_DRY = 1e-4  # of the water at J = 1: less is none
 _LARGEST_CHANGE = 2.0  # of ln c~ or psi~ in one iteration
 
 
@@ -94,6 +95,10 @@ class ColumnSystem:
                 break
             if not going.all():
                 active, iterate = active[going], iterate.rows(going)
+        laws = self.term.laws
+        water = solution.contents[0] - laws.smallest_volume_ratio
+        dry = (water < _DRY * laws.cells.tissue.fluid_fraction) & ~solution.converged[:, None]
+        solution.residual[0][dry] = np.inf  # what the row has failed by, whichever balance is off by more
         return solution
 
 

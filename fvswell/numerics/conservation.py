@@ -9,9 +9,9 @@ import numpy as np
 from fvswell.numerics.time_stepping import State, Step
 from fvswell.physics.tissue import Array
 
-__all__ = ["LARGEST_IMBALANCE", "ConservationBooks"]
+__all__ = ["LARGEST_LOSS", "ConservationBooks"]
 
-LARGEST_IMBALANCE = 1e-8  # of what crossed the boundary: beyond it a result is refused
+LARGEST_LOSS = 1e-8  # of what is in the body and has crossed its boundary: beyond it a result is refused
 
 _ROUNDING_SCALE = 1e-4  # of the content: at rest, where nothing crosses, rounding is told relative to this
 
@@ -21,7 +21,8 @@ class ConservationBooks:
 
     ``error`` is, for each balance and row, the largest mismatch in a step since the last ``take_error``, relative to
     all that has crossed the boundary so far (in magnitude). Charge has no content; its mismatch is the net charge
-    that crossed, relative to the anions that did.
+    that crossed, relative to the cations that did. ``loss`` is the largest mismatch of all steps and balances relative
+    to what has crossed and what is there: a long step at rest moves nothing, but leaves rounding of large fluxes.
 
     Parameters
     ----------
@@ -44,7 +45,8 @@ class ConservationBooks:
         self.balances = balances if cation_contents is None else (*balances, "cation")
         rows = len(state.time)
         self.crossed = np.zeros((len(self.balances), rows))
-        self.largest = np.zeros(rows)  # of all steps and balances
+        self.largest = np.zeros(rows)  # error of all steps and balances
+        self.loss = np.zeros(rows)
         self.error = np.zeros((len(self.balances), rows))
         if cation_contents is not None:
             self._cations = cation_contents(state.unknowns) @ volumes
@@ -63,13 +65,22 @@ class ConservationBooks:
             held = np.concatenate([held, cations[None, own]])
             self._cations[own] = cations[own]
         self.crossed[:, own] += np.abs(entered)
+        crossed = self.crossed[:, own].copy()
+        if "cation" in self.balances:
+            of_charge, of_cation = self.balances.index("charge"), self.balances.index("cation")
+            crossed[of_charge], held[of_charge] = crossed[of_cation], held[of_cation]
+        mismatch = np.abs(gained - entered)
         # where nothing to speak of has crossed, rounding of the content itself is the measure
-        scale = self.crossed[:, own] + _ROUNDING_SCALE * held
-        if "charge" in self.balances:
-            scale[self.balances.index("charge")] = scale[self.balances.index("anion")]
-        error = np.abs(gained - entered) / scale
+        error = mismatch / (crossed + _ROUNDING_SCALE * held)
         self.error[:, own] = np.maximum(self.error[:, own], error)
         self.largest[own] = np.maximum(self.largest[own], error.max(axis=0))
+        self.loss[own] = np.maximum(self.loss[own], (mismatch / (crossed + held)).max(axis=0))
+
+    def refusal(self, row: int) -> str | None:
+        """Why the result of a row is refused, if it is."""
+        if self.loss[row] <= LARGEST_LOSS:
+            return None
+        return f"a balance is off by {self.loss[row]:.3g} of what is in the tissue and crossed its boundary"
 
     def take_error(self) -> Array:
         """Largest errors since the last call, (balances, rows)."""

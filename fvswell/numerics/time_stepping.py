@@ -105,6 +105,8 @@ class Failure:
 
     def reason(self, place: str) -> str:
         """What did not converge, at a place told in words."""
+        if not np.isfinite(self.residual):
+            return f"the tissue would be inverted or without water at {place}, even with the smallest step"
         return (
             f"the {self.balance} balance did not converge at {place}, even with the smallest step (residual "
             f"{self.residual:.3g}, relative)"
@@ -170,7 +172,7 @@ class _Attempt:
     def worst_residual(self, row: int) -> Array:
         """Residual of the stage that failed, (equations, points)."""
         failed = next(s for s in self.solutions if s is self.solutions[-1] or not s.converged[row])
-        return np.nan_to_num(np.abs(failed.residual[:, row]), nan=np.inf)
+        return np.nan_to_num(np.abs(failed.residual[:, row]), nan=np.inf, posinf=np.inf)
 
 
 class Marcher:

@@ -119,6 +119,10 @@ class Mixture:
         contents[0], contents[1] = J, (J - 1.0 + self.tissue.fluid_fraction) * state.anion
         return contents
 
+    def cation_contents(self, J: Array, log_concentration: Array) -> Array:
+        """J n_f c+, cations per reference volume: what the balances of anions and charge make of it."""
+        return (J - 1.0 + self.tissue.fluid_fraction) * self.at(J, log_concentration).cation
+
     def content_derivatives(self, state: PointState) -> Array:
         """Derivatives of the contents by (J, ln c~), (balances, 2, ...), or by J alone, (1, 1, ...)."""
         if not self.model.transports_ions:

@@ -117,7 +117,13 @@ class BlockRun:
 
     def books(self, state: State) -> ConservationBooks:
         """Books on the balances, from a state on."""
-        return ConservationBooks(self.system.volumes, self.block.balances, state)
+        cations = self._cation_contents if len(self.block.balances) > 1 else None
+        return ConservationBooks(self.system.volumes, self.block.balances, state, cations)
+
+    def _cation_contents(self, unknowns: Array) -> Array:
+        """Cations per reference volume, (1, cells)."""
+        positions, potentials = self.block.positions(unknowns[0, 0]), self.block.potentials(unknowns[0, 0])
+        return self.block.term.cells.cation_contents(self.block.volume_ratio(positions), potentials[1])
 
     def drives(self) -> dict[str, Drive]:
         """Driven quantities over the phases; what a phase does not name goes on as it is."""

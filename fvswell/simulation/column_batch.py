@@ -92,8 +92,7 @@ class ColumnBatch:
 
     def _cation_contents(self, unknowns: Array) -> Array:
         """Cations per reference volume, (rows, cells)."""
-        state = self.cells.at(unknowns[0], unknowns[1])
-        return (state.J - 1.0 + self.cells.tissue.fluid_fraction) * state.cation
+        return self.cells.cation_contents(unknowns[0], unknowns[1])
 
     def drives(self) -> dict[str, Drive]:
         """Driven quantities over the phases; the bath keeps its value where a phase does not name it."""

@@ -13,7 +13,7 @@ import xarray as xr
 
 from fvswell.case.case import BlockCase, Case
 from fvswell.errors import SolverError
-from fvswell.numerics.conservation import LARGEST_IMBALANCE, ConservationBooks
+from fvswell.numerics.conservation import ConservationBooks
 from fvswell.numerics.protocol import SAME_TIME, output_times
 from fvswell.numerics.protocol import Protocol as Phases
 from fvswell.numerics.system import System
@@ -191,9 +191,8 @@ class _Recorder:
             failure = marcher.failures[0]
             phase, place = self.body.case.phase[failure.phase].name, self.body.place(failure.balance, failure.point)
             return f"stopped at t = {failure.elapsed:.6g} s in phase {phase}: {failure.reason(place)}"
-        if self.books.largest[0] > LARGEST_IMBALANCE:
-            return f"stopped: a balance is off by {self.books.largest[0]:.3g} of what crossed the boundary"
-        return COMPLETE
+        refusal = self.books.refusal(0)
+        return COMPLETE if refusal is None else f"stopped: {refusal}"
 
     def finish(self) -> None:
         """Record where a run stopped, and hand the solver's history to the file."""

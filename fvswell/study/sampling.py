@@ -10,7 +10,6 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from fvswell.case.case import Case
-from fvswell.numerics.conservation import LARGEST_IMBALANCE
 from fvswell.numerics.time_stepping import Marcher, State, Step
 from fvswell.physics.models import MODELS
 from fvswell.physics.tissue import Array
@@ -49,9 +48,7 @@ def model_history(cases: Sequence[Case], model: str, duration: Array) -> ModelHi
     marcher = Marcher(batch.system, batch.protocol(duration), batch.control(), state, [recorder, books])
     marcher.run()
     height = recorder.sampled(batch.initial_height, duration, cases[0].time.samples_per_phase)
-    problem = np.full(len(cases), "", dtype=object)
-    lost = books.largest > LARGEST_IMBALANCE
-    problem[lost] = [f"a balance is off by {error:.3g} of what crossed the boundary" for error in books.largest[lost]]
+    problem = [books.refusal(row) or "" for row in range(len(cases))]
     for failure in marcher.failures:
         place = f"{batch.grid.centres[failure.point]:.3g} mm from the filter"
         phase = cases[0].phase[failure.phase].name
