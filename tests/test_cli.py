@@ -193,7 +193,9 @@ def test_stopped_run_keeps_its_result_and_says_where(tmp_path: Path) -> None:
     Path("hard.toml").write_text(impossible_compression().to_toml(), encoding="utf-8")
     done = fvswell("run", "hard.toml")
     assert done.exit_code == 3
-    assert re.search(r"error: .*stopped at t = \S+ s in phase loading: the tissue would be inverted or without water", done.stderr)
+    assert re.search(
+        r"error: .*stopped at t = \S+ s in phase loading: the tissue would be inverted or without water", done.stderr
+    )
     assert "output/hard/biphasic.nc: holds the result until then" in done.stderr
     assert "output/hard/biphasic.nc" in done.stdout
     assert "unloading" in done.stdout

@@ -26,6 +26,7 @@ from fvswell.analysis.comparison import (
 )
 from fvswell.case.case import MODELS, CaseError
 from fvswell.errors import OutputError
+from fvswell.reporting.reports import left_out_lines
 
 TIMES = np.array([0.0, 1.0, 2.0, 4.0, 6.0])
 
@@ -195,8 +196,37 @@ def test_models_with_different_steps_are_compared_at_equal_times() -> None:
     expected, found = (compare(case, names) for case in (fine, free))
     for left, right in zip(expected.differences, found.differences, strict=True):
         assert right.r_squared == pytest.approx(left.r_squared, abs=2e-3)
-        assert right.time_in_phase / 6.0 == pytest.approx(round(right.time_in_phase / 6.0), abs=1e-9)
+        assert right.times == 50
         assert right.largest == pytest.approx(np.interp(right.time, *expected.gap(right.model)), abs=1e-4)
+
+
+def test_largest_difference_is_found_between_the_times_that_r_squared_takes() -> None:
+    """A step of the load that is over before the first of 50 equal times of a long phase."""
+    changes = {"phase.loading.duration": 1e6, "time": {"scheme": "sdirk2", "tolerance": 1e-4}}
+    names = ["electrochemical", "biphasic-swelling"]
+    brief, lengthy = (
+        compare(small_compression().with_changes(changes | {"phase.loading.duration": duration}), names).of_phase(
+            "loading"
+        )[0]
+        for duration in (2e3, 1e6)
+    )
+    assert lengthy.time_in_phase == pytest.approx(brief.time_in_phase, rel=0.2)
+    assert lengthy.largest == pytest.approx(brief.largest, rel=0.02)
+    assert np.isnan(lengthy.r_squared)  # what the 50 times see is at rest
+    assert 0.9 < brief.r_squared < 1.0
+
+
+def test_phase_without_outputs_is_left_out_and_told(tmp_path: Path) -> None:
+    """Nothing is read off a straight line across a change of load."""
+    times = [1.0, 10.0, 100.0, 200.0, 300.0]
+    case = small_compression(output={"times": times})
+    comparison = compare(case, ["electrochemical", "biphasic-swelling"])
+    assert comparison.phases == ("loading",)
+    assert comparison.left_out == ("unloading",)
+    (line,) = left_out_lines(comparison)
+    assert line.startswith("phase unloading has too few outputs to compare models in: give more output times")
+    with pytest.raises(CaseError, match="leaves no phase with 2 outputs"):
+        compare(case.with_changes({"output.times": [600.0]}), ["electrochemical", "biphasic-swelling"])
 
 
 def test_pressure_is_compared_where_the_displacement_is_given() -> None:

@@ -95,6 +95,19 @@ def test_a_phase_without_change_is_nothing_to_fit() -> None:
         fit(small_block(phase__swelling__bath_concentration=1.5e-4), phases=["swelling"])
 
 
+def test_a_phase_without_outputs_is_nothing_to_fit() -> None:
+    case = small_block(output={"times": [1e3, 2e3, 1e4, 2e4]})
+    with pytest.raises(CaseError, match="phases = compression: has too few outputs to follow"):
+        fit(case, phases=["swelling", "compression"])
+
+
+def test_the_cases_own_value_is_not_the_best_outside_the_limits() -> None:
+    found = fit(small_block(), limits=(1e-5, 1.1e-5))
+    assert found.before.value == 1e-3
+    assert 1e-5 <= found.best.value <= 1.1e-5
+    assert found.at_limit
+
+
 def test_limits_that_are_not_given_keep_within_bounds() -> None:
     low, high = fit_problem(small_block(), "poisson_ratio", "electrochemical").limits
     assert 0.0 < low < 0.3 < high < 0.5

@@ -293,7 +293,9 @@ def test_replacing_run_that_is_interrupted_leaves_the_old_file(tmp_path: Path) -
 
 def test_stopped_run_keeps_what_there_is_and_says_so(tmp_path: Path) -> None:
     path = tmp_path / "result.nc"
-    with pytest.raises(SolverError, match=r"stopped at t = .* in phase loading: the tissue would be inverted or without water") as stop:
+    with pytest.raises(
+        SolverError, match=r"stopped at t = .* in phase loading: the tissue would be inverted or without water"
+    ) as stop:
         run(impossible_compression(), path=path)
     kept = read_result(path)
     xr.testing.assert_equal(kept, stop.value.result)

@@ -7,7 +7,7 @@ definition, and those of its pressure are compared instead.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -37,14 +37,20 @@ __all__ = [
     "compare",
     "compare_results",
     "compared_quantities",
+    "has_outputs",
     "history_at",
     "local_strain",
     "phase_histories",
     "phase_lengths",
     "profile_at",
     "reference_model",
+    "rounding_of",
     "with_models",
 ]
+
+
+_FEWEST_OUTPUTS = 2  # in a phase: fewer make no history
+_AT_REST = 1e-6
 
 
 @dataclass(frozen=True)
@@ -54,6 +60,7 @@ class Difference:
     phase: str
     model: str
     quantity: str  # that the histories are of, in the unit that `fvswell.results.fields` tells
+    times: int  # at which R^2 is taken
     r_squared: float  # 1 - sum of squared differences/sum of squares of the reference about its mean
     largest: float  # of the quantity, with its sign
     time: float  # of the largest, s since the run began
@@ -77,7 +84,7 @@ class BlockDifference(Difference):
 
     x: float  # of the largest local one, mm in the stress-free solid
     y: float
-    final: float  # the quantity of the model at the end of the phase
+    final: float  # the quantity of the model at the last output of the phase
     reference_final: float
 
 
@@ -88,6 +95,7 @@ class Comparison:
     reference: str
     results: dict[str, xr.Dataset]
     differences: tuple[Difference, ...]
+    left_out: tuple[str, ...] = ()  # phases with too few outputs to compare
 
     @property
     def quantity(self) -> str:
@@ -182,43 +190,76 @@ def reference_model(models: Sequence[str]) -> str:
 
 
 def compare_results(results: Mapping[str, xr.Dataset]) -> Comparison:
-    """Compare results of one case, by model; each must have run to its end."""
+    """Compare results of one case, by model; each must have run to its end.
+
+    Raises
+    ------
+    CaseError
+        If no phase has the outputs that a comparison needs.
+    """
     reference = reference_model(list(results))
     base = results[reference]
     case = Case.from_toml(base.attrs["case_toml"])
-    spans = pairwise([0.0, *base["phase_end"].values])
     quantities = compared_quantities(case, base)
-    differences: list[Difference] = []
-    for index, (phase, quantity, (start, end)) in enumerate(zip(case.phase, quantities, spans, strict=True)):
-        at, histories = phase_histories(results, quantity, start, end)
-        for model in results:
-            if model == reference:
-                continue
-            own, data = histories[model], histories[reference]
-            farthest = int(np.argmax(np.abs(own - data)))
-            time = float(at[farthest])
-            cell, local = _local_difference(results[model], base, time)
-            common: dict[str, Any] = {
-                "phase": phase.name,
-                "model": model,
-                "quantity": quantity,
-                "r_squared": float(coefficient_of_determination(data, own)),
-                "largest": float(own[farthest] - data[farthest]),
-                "time": time,
-                "time_in_phase": time - start,
-                **local,
-            }
-            if is_block(base):
-                place: dict[str, Any] = {axis: float(base[f"face_{axis}"][cell]) for axis in AXES}
-                ends: dict[str, Any] = {"final": float(own[-1]), "reference_final": float(data[-1])}
-                differences.append(BlockDifference(**common, **place, **ends))
-            else:
-                rest: dict[str, Any] = {
-                    "equilibrium_strain": float(results[model]["equilibrium_strain"][index]),
-                    "reference_equilibrium_strain": float(base["equilibrium_strain"][index]),
-                }
-                differences.append(ColumnDifference(**common, depth=float(base["x"][cell]), **rest))
-    return Comparison(reference, dict(results), tuple(differences))
+    spans = list(pairwise([0.0, *base["phase_end"].values]))
+    told = [has_outputs(results.values(), *span) for span in spans]
+    if not any(told):
+        message = f"leaves no phase with {_FEWEST_OUTPUTS} outputs, which a comparison needs"
+        raise CaseError([Problem("output", "", message)], case.source)
+    differences = [
+        _difference(results, reference, model, index, phase.name, quantity, span)
+        for index, (phase, quantity, span) in enumerate(zip(case.phase, quantities, spans, strict=True))
+        if told[index]
+        for model in results
+        if model != reference
+    ]
+    left_out = tuple(phase.name for phase, enough in zip(case.phase, told, strict=True) if not enough)
+    return Comparison(reference, dict(results), tuple(differences), left_out)
+
+
+def _difference(
+    results: Mapping[str, xr.Dataset], reference: str, model: str, index: int, phase: str, quantity: str,
+    span: tuple[float, float],
+) -> Difference:  # fmt: skip
+    """Difference of one model in one phase, the ``index``-th, from the start to the end of ``span``."""
+    pair = {name: results[name] for name in (model, reference)}
+    result, base = pair.values()
+    at, histories = phase_histories(pair, quantity, *span)
+    every, (own, data) = _all_histories(pair, quantity, *span)
+    farthest = int(np.nanargmax(np.abs(own - data)))
+    time = float(every[farthest])
+    cell, local = _local_difference(result, base, time)
+    r_squared = coefficient_of_determination(histories[reference], histories[model], rounding_of(base, quantity))
+    common: dict[str, Any] = {
+        "phase": phase,
+        "model": model,
+        "quantity": quantity,
+        "times": len(at),
+        "r_squared": float(r_squared),
+        "largest": float(own[farthest] - data[farthest]),
+        "time": time,
+        "time_in_phase": time - span[0],
+        **local,
+    }
+    if is_block(base):
+        place: dict[str, Any] = {axis: float(base[f"face_{axis}"][cell]) for axis in AXES}
+        return BlockDifference(**common, **place, final=float(own[-1]), reference_final=float(data[-1]))
+    return ColumnDifference(
+        **common,
+        depth=float(base["x"][cell]),
+        equilibrium_strain=float(result["equilibrium_strain"][index]),
+        reference_equilibrium_strain=float(base["equilibrium_strain"][index]),
+    )
+
+
+def has_outputs(results: Iterable[xr.Dataset], start: float, end: float) -> bool:
+    """Whether each result has outputs enough in a phase to compare histories there."""
+    return all(len(_within(result["time"].values, start, end)) >= _FEWEST_OUTPUTS for result in results)
+
+
+def rounding_of(result: xr.Dataset, quantity: str) -> float:
+    """Variation of a history in a phase below which it is at rest: a millionth of its size in the whole run."""
+    return max(NO_VARIATION, _AT_REST * float(np.nanmax(np.abs(result[quantity].values))))
 
 
 def compared_quantities(case: Case, result: xr.Dataset) -> list[str]:
@@ -253,6 +294,24 @@ def phase_histories(
     return at, {name: history_at(times[name], result[quantity].values, start, at) for name, result in results.items()}
 
 
+def _all_histories(
+    results: Mapping[str, xr.Dataset], quantity: str, start: float, end: float
+) -> tuple[Array, list[Array]]:
+    """Histories in a phase at the times of `phase_histories` and at all outputs of any result."""
+    times = [result["time"].values for result in results.values()]
+    every = np.unique(np.concatenate([common_times(times, start, end), *(_within(t, start, end) for t in times)]))
+    every = every[np.diff(every, append=np.inf) > SAME_TIME * end]
+    return every, [
+        history_at(result["time"].values, result[quantity].values, start, every) for result in results.values()
+    ]
+
+
+def _within(times: Array, start: float, end: float) -> Array:
+    """Those of the times that lie after the start of a phase and not behind its end."""
+    slack = SAME_TIME * end
+    return times[(times > start + slack) & (times <= end + slack)]
+
+
 def _local_difference(result: xr.Dataset, base: xr.Dataset, time: float) -> tuple[int, dict[str, float]]:
     """Cell with the largest difference of the local strain at a time, and that by the names of `Difference`."""
     own, reference = (profile_at(r["time"].values, local_strain(r), time) for r in (result, base))
@@ -268,7 +327,7 @@ def common_times(times: Sequence[Array], start: float, end: float) -> Array:
     ends of 50 equal steps.
     """
     slack = SAME_TIME * end
-    within = [each[(each > start + slack) & (each <= end + slack)] for each in times]
+    within = [_within(each, start, end) for each in times]
     first = within[0]
     if first.size and all(
         each.shape == first.shape and np.allclose(each, first, rtol=0.0, atol=slack) for each in within

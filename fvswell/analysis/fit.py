@@ -20,14 +20,14 @@ import numpy as np
 import xarray as xr
 from scipy.optimize import minimize_scalar
 
-from fvswell.analysis.comparison import compared_quantities, phase_histories, phase_lengths
+from fvswell.analysis.comparison import compared_quantities, has_outputs, phase_histories, phase_lengths, rounding_of
 from fvswell.case.case import Case, CaseError
 from fvswell.case.errors import Problem, nearest_name
 from fvswell.case.reading import value_type
 from fvswell.case.values import Quantity
 from fvswell.errors import SolverError
 from fvswell.physics.tissue import Array
-from fvswell.prediction.predictor import NO_VARIATION, coefficient_of_determination
+from fvswell.prediction.predictor import coefficient_of_determination
 from fvswell.results.table import write_table
 from fvswell.simulation.run import Progress, run
 
@@ -55,6 +55,11 @@ class FitProblem:
     def present(self) -> float:
         """The case's value."""
         return float(getattr(self.case.tissue, self.parameter))
+
+    def best(self, trials: Sequence[Trial]) -> Trial:
+        """The trial that follows best; the case's value counts if it lies within the limits."""
+        low, high = self.limits
+        return min((trial for trial in trials if low <= trial.value <= high), key=lambda trial: trial.squares)
 
     def fitted_case(self, value: float) -> Case:
         """The case of the fitted model with a value of the property."""
@@ -92,7 +97,7 @@ class Fit:
     @property
     def best(self) -> Trial:
         """With the best value."""
-        return min(self.trials, key=lambda trial: trial.squares)
+        return self.problem.best(self.trials)
 
     @property
     def ratio(self) -> float:
@@ -234,7 +239,7 @@ def run_fit(
     unfitted = attempt(problem.present)
     low, high = (math.log(limit) for limit in problem.limits)
     minimize_scalar(squares, bounds=(low, high), method="bounded", options={"xatol": _RESOLUTION})
-    best = min(trials, key=lambda trial: trial.squares)
+    best = problem.best(trials)
     fitted = run(problem.fitted_case(best.value), path=fitted_path, replace=replace, durations=target.durations)
     return Fit(
         problem=problem,
@@ -266,21 +271,32 @@ class _Target:
         return dict(zip(names, compared_quantities(self.problem.case, self.result), strict=True))
 
     def check(self) -> None:
-        """Raise CaseError if nothing changes in a phase that counts."""
+        """Raise CaseError if there is nothing to follow in a phase that counts."""
         for phase in self.problem.phases:
-            if np.ptp(self._histories(phase, {})["data"]) <= NO_VARIATION:
-                told = f"{self.quantities[phase]} does not change in it: there is nothing to fit"
-                raise CaseError([Problem("phases", phase, told)], self.problem.case.source)
+            told = f"{self.quantities[phase]} does not change in it: there is nothing to fit"
+            if not has_outputs([self.result], *self._span(phase)):
+                told = "has too few outputs to follow: give more output times, or output.every"
+            elif np.ptp(self._histories(phase, {})["data"]) > self._rounding(phase):
+                continue
+            raise CaseError([Problem("phases", phase, told)], self.problem.case.source)
 
     def r_squared(self, result: xr.Dataset) -> tuple[float, ...]:
         """How well a result follows, in each phase that counts."""
-        pairs = [self._histories(phase, {"own": result}) for phase in self.problem.phases]
-        return tuple(float(coefficient_of_determination(pair["data"], pair["own"])) for pair in pairs)
+        found = []
+        for phase in self.problem.phases:
+            pair = self._histories(phase, {"own": result})
+            found.append(float(coefficient_of_determination(pair["data"], pair["own"], self._rounding(phase))))
+        return tuple(found)
 
     def _histories(self, phase: str, others: dict[str, xr.Dataset]) -> dict[str, Array]:
+        return phase_histories({"data": self.result, **others}, self.quantities[phase], *self._span(phase))[1]
+
+    def _rounding(self, phase: str) -> float:
+        return rounding_of(self.result, self.quantities[phase])
+
+    def _span(self, phase: str) -> tuple[float, float]:
         spans = pairwise([0.0, *self.result["phase_end"].values])
-        start, end = dict(zip(self.quantities, spans, strict=True))[phase]
-        return phase_histories({"data": self.result, **others}, self.quantities[phase], start, end)[1]
+        return dict(zip(self.quantities, spans, strict=True))[phase]
 
 
 def _limits(

@@ -186,15 +186,15 @@ def kind_of_change(before: Conditions, after: Conditions) -> Array:
     return np.where(bath, np.where(pressure == 0.0, 2, -1), compression)
 
 
-def coefficient_of_determination(data: Array, model: Array) -> Array:
+def coefficient_of_determination(data: Array, model: Array, rounding: float = NO_VARIATION) -> Array:
     """R^2 = 1 - (sum of squared residuals)/(sum of squares of the data about their mean), over the last axis.
 
     1 where the curves agree, 0 where the model is no better than the mean of the data, negative where it is
-    worse; nan where the data do not vary beyond rounding (there is no signal to explain).
+    worse; nan where the data do not vary by more than ``rounding`` (there is no signal to explain).
     """
     residual = ((data - model) ** 2).sum(axis=-1)
     total = ((data - data.mean(axis=-1, keepdims=True)) ** 2).sum(axis=-1)
-    varies = np.ptp(data, axis=-1) > NO_VARIATION
+    varies = np.ptp(data, axis=-1) > rounding
     return np.where(varies, 1.0 - residual / np.where(varies, total, 1.0), np.nan)
 
 

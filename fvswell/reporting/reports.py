@@ -35,6 +35,7 @@ __all__ = [
     "duration_line",
     "effort_lines",
     "fit_report",
+    "left_out_lines",
     "phase_table",
     "result_lines",
 ]
@@ -182,8 +183,14 @@ def content_table(result: xr.Dataset) -> TextTable:
 
 
 def comparison_tables(comparison: Comparison) -> list[TextTable]:
-    """Differences of the models in each phase, and where they come to rest, or end."""
+    """Differences of the models in each phase, and where they come to rest, or are at the last output."""
     return [_comparison_table(comparison, phase) for phase in comparison.phases]
+
+
+def left_out_lines(comparison: Comparison) -> list[str]:
+    """Phases that are not compared, and why."""
+    told = "has too few outputs to compare models in: give more output times, or output.every"
+    return [f"phase {phase} {told}" for phase in comparison.left_out]
 
 
 def _comparison_table(comparison: Comparison, phase: str) -> TextTable:
@@ -201,7 +208,7 @@ def _comparison_table(comparison: Comparison, phase: str) -> TextTable:
             f"{100.0 * difference.local_strain_ratio:.2f} %",
         ]
         if isinstance(difference, BlockDifference):
-            places = ["at x, y (mm)", "at the end"]
+            places = ["at x, y (mm)", "last"]
             row += [f"{difference.x:.3g}, {difference.y:.3g}", _amount(difference.final, quantity)]
             rest = _amount(difference.reference_final, quantity)
         elif isinstance(difference, ColumnDifference):
@@ -210,7 +217,8 @@ def _comparison_table(comparison: Comparison, phase: str) -> TextTable:
             rest = percent(difference.reference_equilibrium_strain)
         rows.append(row)
     rows.append([f"{comparison.reference} (reference)", *["" for _ in header], rest])
-    return TextTable(f"Phase {phase}: difference of the {_words(quantity)}", header + places, rows)
+    title = f"Phase {phase}: difference of the {_words(quantity)} at {differences[0].times} times"
+    return TextTable(title, header + places, rows)
 
 
 def fit_report(fit: Fit) -> tuple[list[str], TextTable]:
