@@ -140,6 +140,19 @@ def test_probe_converges_with_the_grid() -> None:
     np.testing.assert_allclose(histories[1][0], histories[2][0], rtol=0.2)  # a layer thinner than the cells
 
 
+def test_block_that_is_held_all_around_changes_its_salt_alone() -> None:
+    """One cell between rollers: no displacement is unknown."""
+    rollers = {"displacement": "roller"}
+    case = small_block(
+        geometry__cells=[1, 1], geometry__probe=None, phase__compression__top=None, phase__compression__duration=1e8,
+        geometry__edges={"left": rollers, "right": rollers | {"permeable": True}, "bottom": rollers, "top": rollers},
+    )  # fmt: skip
+    result = run(case)
+    np.testing.assert_array_equal(result["volume_ratio"], 1.0)
+    equilibrium = np.sqrt((0.5 * 2e-4) ** 2 + result["bath_concentration"].values[-1] ** 2) - 0.5 * 2e-4
+    assert float(result["anion_concentration"][-1].item()) == pytest.approx(equilibrium, rel=1e-3)
+
+
 def test_inverting_cells_stop_the_run_with_what_there_is(tmp_path: Path) -> None:
     path = tmp_path / "case.toml"
     path.write_text(inverting_block().to_toml(), encoding="utf-8")

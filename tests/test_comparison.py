@@ -26,7 +26,7 @@ from fvswell.analysis.comparison import (
 )
 from fvswell.case.case import MODELS, CaseError
 from fvswell.errors import OutputError
-from fvswell.reporting.reports import left_out_lines
+from fvswell.reporting.reports import comparison_remarks
 
 TIMES = np.array([0.0, 1.0, 2.0, 4.0, 6.0])
 
@@ -223,7 +223,7 @@ def test_phase_without_outputs_is_left_out_and_told(tmp_path: Path) -> None:
     comparison = compare(case, ["electrochemical", "biphasic-swelling"])
     assert comparison.phases == ("loading",)
     assert comparison.left_out == ("unloading",)
-    (line,) = left_out_lines(comparison)
+    (line,) = comparison_remarks(comparison)
     assert line.startswith("phase unloading has too few outputs to compare models in: give more output times")
     with pytest.raises(CaseError, match="leaves no phase with 2 outputs"):
         compare(case.with_changes({"output.times": [600.0]}), ["electrochemical", "biphasic-swelling"])
@@ -240,6 +240,13 @@ def test_pressure_is_compared_where_the_displacement_is_given() -> None:
     assert biphasic.largest < 0.0
     assert swelling.r_squared > biphasic.r_squared
     assert biphasic.equilibrium_strain == pytest.approx(swelling.equilibrium_strain, rel=0.06)
+
+
+def test_probe_that_is_held_is_told() -> None:
+    case = small_block(geometry__probe=[0.0, 0.0])
+    comparison = compare(case, ["electrochemical", "biphasic-swelling"])
+    assert all(np.isnan(each.r_squared) for each in comparison.differences)
+    assert comparison_remarks(comparison) == ["the probe does not move: give another place for it, geometry.probe"]
 
 
 def test_wrong_models_are_all_told_at_once() -> None:

@@ -55,12 +55,12 @@ def newton(
     def look(at: Array) -> tuple[BlockState, Array, float]:
         with np.errstate(all="ignore"):  # a trial state may overflow: its norm is then not finite
             state, residual = evaluate(at)
-        norm = float(np.abs(residual).max()) if state.sound.all() else np.inf
+        norm = float(np.abs(residual).max(initial=0.0)) if state.sound.all() else np.inf
         return state, residual, norm if np.isfinite(norm) else np.inf
 
     state, residual, norm = look(unknowns)
-    if not np.isfinite(norm):
-        return NewtonResult(unknowns, state, residual, False, 0, (norm,))
+    if norm == 0.0 or not np.isfinite(norm):
+        return NewtonResult(unknowns, state, residual, norm == 0.0, 0, (norm,))
     norms, solve, last = [norm], factorise(state), 1.0
     for iteration in range(1, _MAX_ITERATIONS + 1):
         full = solve(residual)

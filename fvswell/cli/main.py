@@ -135,7 +135,7 @@ def compare(
     from fvswell.analysis.comparison import compare_results, phase_lengths, with_models
     from fvswell.reporting.block_plots import all_blocks, block_comparison_figure
     from fvswell.reporting.plots import comparison_figure, save_figure
-    from fvswell.reporting.reports import case_lines, comparison_tables, left_out_lines
+    from fvswell.reporting.reports import case_lines, comparison_remarks, comparison_tables
     from fvswell.results.file import refuse_existing
 
     case = read_case(case_file, settings)
@@ -159,7 +159,7 @@ def compare(
     for each_table in comparison_tables(comparison):
         console.lines("")
         console.table(each_table)
-    console.lines("", *left_out_lines(comparison), *(f"wrote {path}" for path in (table, *figures)))
+    console.lines("", *comparison_remarks(comparison), *(f"wrote {path}" for path in (table, *figures)))
 
 
 @app.command()

@@ -14,6 +14,7 @@ from fvswell.case.case import BlockCase, Case
 from fvswell.case.profiles import DepthProfile, PlaneProfile
 from fvswell.case.reading import value_type
 from fvswell.case.values import Ramp, RelaxationTimes
+from fvswell.prediction.predictor import NO_VARIATION
 from fvswell.reporting.console import TextTable, percent
 from fvswell.results.fields import FIELDS
 from fvswell.results.file import COMPLETE, SAME_TIME
@@ -30,12 +31,12 @@ if TYPE_CHECKING:
 __all__ = [
     "case_lines",
     "characteristics_table",
+    "comparison_remarks",
     "comparison_tables",
     "content_table",
     "duration_line",
     "effort_lines",
     "fit_report",
-    "left_out_lines",
     "phase_table",
     "result_lines",
 ]
@@ -187,10 +188,15 @@ def comparison_tables(comparison: Comparison) -> list[TextTable]:
     return [_comparison_table(comparison, phase) for phase in comparison.phases]
 
 
-def left_out_lines(comparison: Comparison) -> list[str]:
-    """Phases that are not compared, and why."""
+def comparison_remarks(comparison: Comparison) -> list[str]:
+    """What keeps models from being compared: phases with too few outputs, a probe that is held."""
     told = "has too few outputs to compare models in: give more output times, or output.every"
-    return [f"phase {phase} {told}" for phase in comparison.left_out]
+    remarks = [f"phase {phase} {told}" for phase in comparison.left_out]
+    base = comparison.results[comparison.reference]
+    probes = {each.quantity for each in comparison.differences if each.quantity.startswith("probe_")}
+    if any(np.ptp(base[quantity].values) <= NO_VARIATION for quantity in probes):
+        remarks.append("the probe does not move: give another place for it, geometry.probe")
+    return remarks
 
 
 def _comparison_table(comparison: Comparison, phase: str) -> TextTable:
