@@ -224,7 +224,7 @@ def test_phase_without_outputs_is_left_out_and_told(tmp_path: Path) -> None:
     assert comparison.phases == ("loading",)
     assert comparison.left_out == ("unloading",)
     (line,) = comparison_remarks(comparison)
-    assert line.startswith("phase unloading has too few outputs to compare models in: give more output times")
+    assert line.startswith("too few outputs to compare models in unloading: give more output times")
     with pytest.raises(CaseError, match="leaves no phase with 2 outputs"):
         compare(case.with_changes({"output.times": [600.0]}), ["electrochemical", "biphasic-swelling"])
 

@@ -116,7 +116,7 @@ class Comparison:
         ends = self.results[self.reference]["phase_end"].values
         times, gaps = [np.zeros(1)], [np.zeros(1)]
         for start, end in pairwise([0.0, *ends]):
-            at, histories = phase_histories(self.results, self.quantity, start, end)
+            at, histories = _all_histories(self.results, self.quantity, start, end)
             times.append(at)
             gaps.append(histories[model] - histories[self.reference])
         return np.concatenate(times), np.concatenate(gaps)
@@ -225,7 +225,8 @@ def _difference(
     pair = {name: results[name] for name in (model, reference)}
     result, base = pair.values()
     at, histories = phase_histories(pair, quantity, *span)
-    every, (own, data) = _all_histories(pair, quantity, *span)
+    every, all_histories = _all_histories(pair, quantity, *span)
+    own, data = all_histories.values()
     farthest = int(np.nanargmax(np.abs(own - data)))
     time = float(every[farthest])
     cell, local = _local_difference(result, base, time)
@@ -296,14 +297,15 @@ def phase_histories(
 
 def _all_histories(
     results: Mapping[str, xr.Dataset], quantity: str, start: float, end: float
-) -> tuple[Array, list[Array]]:
+) -> tuple[Array, dict[str, Array]]:
     """Histories in a phase at the times of `phase_histories` and at all outputs of any result."""
     times = [result["time"].values for result in results.values()]
     every = np.unique(np.concatenate([common_times(times, start, end), *(_within(t, start, end) for t in times)]))
     every = every[np.diff(every, append=np.inf) > SAME_TIME * end]
-    return every, [
-        history_at(result["time"].values, result[quantity].values, start, every) for result in results.values()
-    ]
+    return every, {
+        name: history_at(result["time"].values, result[quantity].values, start, every)
+        for name, result in results.items()
+    }
 
 
 def _within(times: Array, start: float, end: float) -> Array:

@@ -27,6 +27,7 @@ from fvswell.reporting.plots import (
     line_styles,
     nearest_model,
     print_unit,
+    time_text,
     time_unit,
 )
 from fvswell.results.fields import FIELDS
@@ -41,7 +42,9 @@ _HISTORY_HEIGHT = 2.0  # inches
 _TITLES_HEIGHT = 0.5
 _PANEL_SPACE = 0.16  # between rows of panels
 _BAR_WIDTH = 0.85  # colour bar with its numbers and label
-_TALLEST_PANEL = 2.6
+_SHORTEST_PANEL, _TALLEST_PANEL = 1.0, 2.6
+_LETTERS = 13  # of a label along an inch
+_MOST_SLENDER = 8.0  # length over width of what is drawn to scale
 _MARGIN = 0.03  # of the width of the block, around it
 _FIELD_COLOURS, _DIFFERENCE_COLOURS = "viridis", "RdBu_r"
 
@@ -82,7 +85,7 @@ def block_figure(results: Mapping[str, xr.Dataset], times: Sequence[float], vari
     parts = figure.subfigures(1 + bool(rows), 1, squeeze=False, height_ratios=_ratios(heights)[: 1 + bool(rows)])
     top, below = parts[0, 0], parts[-1, 0]
     lines = line_styles(results)
-    scale, unit = time_unit(results)
+    scale, _ = time_unit(results)
     for axis, axes in zip(AXES, top.subplots(1, 2), strict=True):
         draw_histories(axes, results, lines, f"probe_displacement_{axis}")
         for at in times:
@@ -100,17 +103,18 @@ def block_figure(results: Mapping[str, xr.Dataset], times: Sequence[float], vari
             _frame(axes, limits)
             axes.tick_params(left=column == 0, bottom=row == len(rows) - 1)
             if row == 0:
-                axes.set_title(f"$t$ = {at * scale:.3g} {unit}")
+                axes.set_title(f"$t$ = {time_text(at)}")
             if row == len(rows) - 1:
                 axes.set_xlabel("$x$ (mm)")
-        panels[row, 0].set_ylabel("$y$ (mm)" if len(results) == 1 else f"{label}\n$y$ (mm)")
+        panels[row, 0].set_ylabel(_height_label(limits) if len(results) == 1 else f"{label}\n{_height_label(limits)}")
     for name in variables:
         own = [row for row, (each, _) in enumerate(rows) if each == name]
         if own:
             bar = below.colorbar(
                 _colours(results, times, name), ax=list(panels[own].ravel()), pad=0.01, aspect=14 * len(own)
             )
-            bar.set_label(fill(axis_label(name), LABEL_WIDTH))
+            letters = int(_LETTERS * len(own) * _panel_height(limits, columns))
+            bar.set_label(fill(axis_label(name), min(LABEL_WIDTH, letters)))
             bar.outline.set_linewidth(0.4)
     return figure
 
@@ -133,7 +137,6 @@ def block_comparison_figure(comparison: Comparison) -> Figure:
     histories, gaps = top.subplots(1, 2)
     draw_histories(histories, results, lines, comparison.quantity)
     draw_gaps(gaps, comparison, lines)
-    scale, unit = time_unit(results)
     differences = []
     for each in nearest:
         own, reference = (
@@ -147,11 +150,11 @@ def block_comparison_figure(comparison: Comparison) -> Figure:
         _draw_cells(axes, base, difference, each.time, colours)
         _frame(axes, limits)
         axes.tick_params(left=axes is panels[0])
-        axes.set_title(f"{each.phase}, after {each.time_in_phase * scale:.3g} {unit}:\n{each.model}")
+        axes.set_title(f"{each.phase}, after {time_text(each.time_in_phase)}:\n{each.model}")
         axes.set_xlabel("$x$ (mm)")
-    panels[0].set_ylabel("$y$ (mm)")
+    panels[0].set_ylabel(_height_label(limits))
     bar = below.colorbar(colours, ax=list(panels), pad=0.01)
-    bar.set_label(f"local strain,\nless that of {comparison.reference}")
+    bar.set_label(f"local strain,\nless that of\n{comparison.reference}")
     bar.outline.set_linewidth(0.4)
     for letter, axes in zip("abcdef", (histories, gaps, *panels), strict=False):
         axes.set_title(letter, loc="left", fontweight="bold")
@@ -170,13 +173,25 @@ def _limits(results: Mapping[str, xr.Dataset], times: Sequence[float]) -> Array:
     """Least and largest coordinates of all that is drawn, ``(2 axes, 2)``, mm."""
     drawn = [moved_nodes(result, at) for result in results.values() for at in [0.0, *times] if _reached(result, at)]
     points = np.concatenate(drawn, axis=1)
-    margin = _MARGIN * np.ptp(points[0])
-    return np.stack([points.min(axis=1) - margin, points.max(axis=1) + margin], axis=1)
+    low, high = points.min(axis=1), points.max(axis=1)
+    slender = not _to_scale(np.stack([low, high], axis=1))
+    margin = _MARGIN * (high - low if slender else high[0] - low[0])
+    return np.stack([low - margin, high + margin], axis=1)
+
+
+def _slenderness(limits: Array) -> float:
+    """Height over width of what is drawn."""
+    width, height = np.diff(limits, axis=1)[:, 0]
+    return float(height / width)
+
+
+def _to_scale(limits: Array) -> bool:
+    return 1.0 / _MOST_SLENDER <= _slenderness(limits) <= _MOST_SLENDER
 
 
 def _panel_height(limits: Array, columns: int) -> float:
-    width, height = np.diff(limits, axis=1)[:, 0]
-    return float(min((PAGE_WIDTH - _BAR_WIDTH) / columns * height / width, _TALLEST_PANEL)) + _PANEL_SPACE
+    tallest = (PAGE_WIDTH - _BAR_WIDTH) / columns * _slenderness(limits)
+    return float(np.clip(tallest, _SHORTEST_PANEL, _TALLEST_PANEL)) + _PANEL_SPACE
 
 
 def _colours(results: Mapping[str, xr.Dataset], times: Sequence[float], name: str) -> ScalarMappable:
@@ -196,9 +211,13 @@ def _colours(results: Mapping[str, xr.Dataset], times: Sequence[float], name: st
 
 
 def _frame(axes: Axes, limits: Array) -> None:
-    axes.set(xlim=limits[0], ylim=limits[1], aspect="equal")
+    axes.set(xlim=limits[0], ylim=limits[1], aspect="equal" if _to_scale(limits) else "auto")
     axes.spines[["left", "bottom"]].set_visible(False)
     axes.tick_params(length=2.0)
+
+
+def _height_label(limits: Array) -> str:
+    return "$y$ (mm)" if _to_scale(limits) else "$y$ (mm),\nnot to scale"
 
 
 def _draw_field(axes: Axes, result: xr.Dataset, name: str, at: float, colours: ScalarMappable) -> None:

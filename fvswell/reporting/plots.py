@@ -46,6 +46,7 @@ __all__ = [
     "result_figure",
     "result_labels",
     "save_figure",
+    "time_text",
     "time_unit",
 ]
 
@@ -142,7 +143,7 @@ def result_figure(results: Mapping[str, xr.Dataset], times: Sequence[float], var
     lines = line_styles(results)
     top = figure.add_subplot(grid[0, :])
     draw_histories(top, results, lines)
-    scale, unit = time_unit(results)
+    scale, _ = time_unit(results)
     for at in times:
         top.axvline(at * scale, color="0.75", linewidth=0.6, zorder=0)
     first: Axes | None = None
@@ -155,7 +156,7 @@ def result_figure(results: Mapping[str, xr.Dataset], times: Sequence[float], var
                 if variable in result:
                     _draw_profile(axes, result, variable, at, lines[label])
             if row == 1:
-                axes.set_title(f"$t$ = {at * scale:.4g} {unit}")
+                axes.set_title(f"$t$ = {time_text(at)}")
             axes.tick_params(labelleft=column == 0, labelbottom=row == len(variables))
             if column == 0:
                 axes.set_ylabel(fill(axis_label(variable), LABEL_WIDTH))
@@ -179,7 +180,6 @@ def comparison_figure(comparison: Comparison) -> Figure:
     histories = figure.add_subplot(grid[0, : len(phases)])
     draw_histories(histories, results, lines, comparison.quantity)
     draw_gaps(figure.add_subplot(grid[0, len(phases) :]), comparison, lines)
-    scale, unit = time_unit(results)
     shared: Axes | None = None
     for column, phase in enumerate(phases):
         axes = figure.add_subplot(grid[1, 2 * column : 2 * column + 2], sharey=shared)
@@ -188,7 +188,7 @@ def comparison_figure(comparison: Comparison) -> Figure:
         for label, result in results.items():
             profile = profile_at(result["time"].values, local_strain(result), nearest.time)
             _draw_over_depth(axes, result, "x", profile, lines[label])
-        axes.set_title(f"{phase}, after {nearest.time_in_phase * scale:.4g} {unit}")
+        axes.set_title(f"{phase}, after {time_text(nearest.time_in_phase)}")
         axes.set_xlabel(_DEPTH_LABEL)
         axes.tick_params(labelleft=column == 0)
         if column == 0:
@@ -311,13 +311,22 @@ def print_unit(variable: str) -> tuple[float, str]:
 
 def nearest_model(comparison: Comparison, phase: str) -> Difference:
     """Difference of the model that follows the reference best in a phase, the one whose use is in question."""
-    return max(comparison.of_phase(phase), key=lambda each: np.nan_to_num(each.r_squared, nan=-np.inf))
+    return min(comparison.of_phase(phase), key=lambda each: abs(each.largest))
 
 
 def time_unit(results: Mapping[str, xr.Dataset]) -> tuple[float, str]:
     """Factor and unit that keep times readable."""
-    end = max(float(result["time"][-1]) for result in results.values())
-    return (1.0, "s") if end < 2e4 else (1.0 / 3600.0, "h")
+    return _unit_of(max(float(result["time"][-1]) for result in results.values()))
+
+
+def time_text(time: float) -> str:
+    """A time, s, in a readable unit."""
+    scale, unit = _unit_of(time)
+    return f"{np.format_float_positional(time * scale, precision=4, fractional=False, trim='-')} {unit}"
+
+
+def _unit_of(time: float) -> tuple[float, str]:
+    return (1.0, "s") if time < 2e4 else (1.0 / 3600.0, "h")
 
 
 def draw_histories(

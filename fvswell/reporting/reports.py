@@ -190,8 +190,10 @@ def comparison_tables(comparison: Comparison) -> list[TextTable]:
 
 def comparison_remarks(comparison: Comparison) -> list[str]:
     """What keeps models from being compared: phases with too few outputs, a probe that is held."""
-    told = "has too few outputs to compare models in: give more output times, or output.every"
-    remarks = [f"phase {phase} {told}" for phase in comparison.left_out]
+    remarks = []
+    if comparison.left_out:
+        names = ", ".join(comparison.left_out)
+        remarks.append(f"too few outputs to compare models in {names}: give more output times, or output.every")
     base = comparison.results[comparison.reference]
     probes = {each.quantity for each in comparison.differences if each.quantity.startswith("probe_")}
     if any(np.ptp(base[quantity].values) <= NO_VARIATION for quantity in probes):
