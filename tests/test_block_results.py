@@ -20,9 +20,10 @@ from fvswell.cli.main import app
 from fvswell.errors import OutputError
 from fvswell.reporting.block_plots import all_blocks, block_comparison_figure, block_figure
 from fvswell.reporting.plots import chosen_times, chosen_variables
+from fvswell.reporting.reports import effort_lines
 from fvswell.results.fields import FIELDS
 from fvswell.results.file import read_case, read_result
-from fvswell.results.moved_grid import is_block, moved_nodes, quadrilaterals
+from fvswell.results.moved_grid import first_fold, is_block, moved_nodes, quadrilaterals
 from fvswell.simulation.run import run
 
 GRID = {"mesh", "face_nodes", "node_x", "node_y", "face_x", "face_y", "probe", "time"}
@@ -231,3 +232,18 @@ def test_commands_run_compare_plot_and_tell(tmp_path: Path, monkeypatch: pytest.
     done = CliRunner().invoke(app, ["plot", result, "--variable", "water_flux_x", "--variable", "displacement_y"])
     assert done.exit_code == 0, done.stderr
     assert Path("output/block/electrochemical.png").stat().st_size > 10000
+
+
+def test_a_fold_at_a_glued_corner_is_told() -> None:
+    """A corner of a cell pushed through its diagonal; the cell's mean volume does not show it."""
+    result = run(small_block(time__steps_per_phase=2))
+    assert first_fold(result) is None
+    assert not any("folded" in line for line in effort_lines(result))
+    cell = quadrilaterals(result)[-1]
+    displacement = result["displacement_x"].copy()
+    width = float(result["node_x"][cell[1]] - result["node_x"][cell[0]])
+    displacement[2:, cell[2]] = displacement[2:, cell[2]] - 1.2 * width
+    folded = result.assign(displacement_x=displacement)
+    fold = first_fold(folded)
+    assert fold == (float(result["time"][2]), float(result["face_x"][-1]), float(result["face_y"][-1]))
+    assert any("is folded over from t = " in line for line in effort_lines(folded))

@@ -17,7 +17,8 @@ _MAX_HALVINGS = 12
 _KEEP = 0.1  # the factors serve on while each step is shorter than this part of the last
 _REMAINING = 1e-13  # change of an unknown still to come, relative to its size: rounding
 _RESIDUAL = 1e-13  # relative: converged without asking how large the update was
-_UNBALANCED = 1e-9  # relative: never accepted above
+_UNBALANCED = 1e-9  # relative: not accepted above, unless no update can make it better
+_ROUNDING = 1e-12  # change of an unknown, relative to its size, that is rounding already
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,8 @@ def newton(
         norms.append(norm)
         size = change(full)
         shrinking = size / last if fraction == 1.0 else np.inf
-        if norm < _RESIDUAL or (norm < _UNBALANCED and size * min(shrinking, 1.0) < _REMAINING):
+        balanced = norm < _UNBALANCED or (np.isfinite(norm) and size < _ROUNDING)
+        if norm < _RESIDUAL or (balanced and size * min(shrinking, 1.0) < _REMAINING):
             return NewtonResult(unknowns, state, residual, True, iteration, tuple(norms))
         if not np.isfinite(norm):
             break

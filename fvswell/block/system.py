@@ -78,13 +78,15 @@ class BlockSystem:
         balance, grid = result.state.balance, self.block.grid
         fluxes = np.zeros((len(self.block.balances), 1, grid.face_cells.shape[1]))
         fluxes[..., self.block.term.diamonds.faces] = balance.fluxes
+        with np.errstate(invalid="ignore"):  # fluxes where the iteration failed
+            inflow = -balance.fluxes[..., self.block.term.diamonds.boundary].sum(axis=-1)
         found = loads_found(self.block, result.unknowns, result.state, driven, float(bath))
         return Solution(
             unknowns=result.unknowns[None, None],
             loads={name: found[name] for name in loads},
             contents=result.state.balance.contents,
             fluxes=fluxes,
-            inflow=-balance.fluxes[..., self.block.term.diamonds.boundary].sum(axis=-1),
+            inflow=inflow,
             residual=self._residual_at_points(result),
             converged=np.array([result.converged]),
             iterations=np.array([result.iterations]),

@@ -18,7 +18,7 @@ from fvswell.prediction.predictor import NO_VARIATION
 from fvswell.reporting.console import TextTable, percent
 from fvswell.results.fields import FIELDS
 from fvswell.results.file import COMPLETE, SAME_TIME
-from fvswell.results.moved_grid import AXES, is_block
+from fvswell.results.moved_grid import AXES, first_fold, is_block
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -143,17 +143,24 @@ def _last_output(result: xr.Dataset, phase: int) -> tuple[int | None, str]:
 
 
 def effort_lines(result: xr.Dataset) -> list[str]:
-    """Steps, iterations and conservation errors of a run."""
+    """Steps, iterations and conservation errors of a run, and a fold of the grid of a block."""
     iterations = int(result["step_iterations"].sum())
     errors = [
         f"{name.removesuffix('_balance_error')} {float(result[name].max()):.1e}"
         for name in map(str, result.data_vars)
         if name.endswith("_balance_error")
     ]
-    return [
+    lines = [
         f"{result.sizes['step']} steps, {iterations} Newton iterations",
         f"largest balance errors, of what crossed the boundary: {', '.join(errors)}",
     ]
+    fold = first_fold(result) if is_block(result) else None
+    if fold is not None:
+        lines.append(
+            f"the cell at x = {fold.x:.3g} mm, y = {fold.y:.3g} mm is folded over from t = {fold.time:.5g} s on: what "
+            "comes of it there is not to be trusted"
+        )
+    return lines
 
 
 def result_lines(result: xr.Dataset) -> list[str]:

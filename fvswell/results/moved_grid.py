@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import xarray as xr
 
@@ -9,9 +11,17 @@ from fvswell.errors import OutputError
 from fvswell.physics.tissue import Array
 from fvswell.results.file import SAME_TIME
 
-__all__ = ["AXES", "is_block", "moved_nodes", "quadrilaterals"]
+__all__ = ["AXES", "Fold", "first_fold", "is_block", "moved_nodes", "quadrilaterals"]
 
 AXES = ("x", "y")
+
+
+class Fold(NamedTuple):
+    """Where and when a cell has a corner inside out."""
+
+    time: float  # s
+    x: float  # mm, in the stress-free solid
+    y: float
 
 
 def is_block(result: xr.Dataset) -> bool:
@@ -60,3 +70,20 @@ def moved_nodes(result: xr.Dataset, time: float) -> Array:
 def quadrilaterals(result: xr.Dataset) -> Array:
     """Nodes of the cells of a block, anticlockwise, ``(cells, 4)``, whatever type they were read as."""
     return np.asarray(result["face_nodes"].values).astype(int)
+
+
+def first_fold(result: xr.Dataset) -> Fold | None:
+    """The first fold in the outputs of a block, None if there is none.
+
+    A run goes on while the solid is upright where its stress is taken, inside the cells. At the end of a glued edge a
+    corner may fold over all the same: a free edge that would come to lie on what it is glued to, were there contact.
+    """
+    nodes = np.stack([result[f"node_{axis}"].values + result[f"displacement_{axis}"].values for axis in AXES])
+    corners = nodes[:, :, quadrilaterals(result)]
+    ahead, back = np.roll(corners, -1, axis=-1) - corners, np.roll(corners, 1, axis=-1) - corners
+    folded = (ahead[0] * back[1] <= ahead[1] * back[0]).any(axis=-1)
+    if not folded.any():
+        return None
+    output = int(folded.any(axis=1).argmax())
+    cell = int(folded[output].argmax())
+    return Fold(*(float(result[name][at]) for name, at in (("time", output), ("face_x", cell), ("face_y", cell))))
