@@ -102,12 +102,16 @@ def test_history_is_unknown_beyond_its_end() -> None:
     assert np.isnan(history_at(TIMES[:1], TIMES[:1], 2.0, np.array([5.0]))).all()
 
 
-def test_profile_is_linear_between_outputs_and_unknown_beyond() -> None:
+def test_profile_is_linear_between_outputs_of_a_phase_and_unknown_elsewhere() -> None:
     profiles = np.stack([TIMES, 2.0 * TIMES], axis=1)
-    np.testing.assert_allclose(profile_at(TIMES, profiles, 3.5), [3.5, 7.0])
-    np.testing.assert_array_equal(profile_at(TIMES, profiles, 6.0), [6.0, 12.0])
-    np.testing.assert_array_equal(profile_at(TIMES, profiles, 0.0), [0.0, 0.0])
-    assert np.isnan(profile_at(TIMES, profiles, 6.1)).all()
+    result = xr.Dataset({"phase_end": ("phase", [4.0, 6.0])}, coords={"time": TIMES})
+    np.testing.assert_allclose(profile_at(result, profiles, 3.5), [3.5, 7.0])
+    np.testing.assert_array_equal(profile_at(result, profiles, 6.0), [6.0, 12.0])
+    np.testing.assert_array_equal(profile_at(result, profiles, 0.0), [0.0, 0.0])
+    assert np.isnan(profile_at(result, profiles, 6.1)).all()
+    sparse = result.assign(phase_end=("phase", [5.0, 6.0]))  # the load changes between two outputs
+    assert np.isnan(profile_at(sparse, profiles, 4.5)).all()
+    np.testing.assert_array_equal(profile_at(sparse, profiles, 4.0), [4.0, 8.0])
 
 
 def test_fullest_model_is_the_reference() -> None:

@@ -39,6 +39,7 @@ __all__ = [
     "compared_quantities",
     "has_outputs",
     "history_at",
+    "is_told",
     "local_strain",
     "phase_histories",
     "phase_lengths",
@@ -316,7 +317,7 @@ def _within(times: Array, start: float, end: float) -> Array:
 
 def _local_difference(result: xr.Dataset, base: xr.Dataset, time: float) -> tuple[int, dict[str, float]]:
     """Cell with the largest difference of the local strain at a time, and that by the names of `Difference`."""
-    own, reference = (profile_at(r["time"].values, local_strain(r), time) for r in (result, base))
+    own, reference = (profile_at(r, local_strain(r), time) for r in (result, base))
     cell = int(np.argmax(np.abs(own - reference)))
     gap, whole = float(own[cell] - reference[cell]), float(reference[cell])
     return cell, {"local_strain": gap, "local_strain_ratio": abs(gap / whole) if abs(whole) > NO_VARIATION else np.nan}
@@ -371,10 +372,31 @@ def local_strain(result: xr.Dataset) -> Array:
     return J / J[0] - 1.0
 
 
-def profile_at(time: Array, values: Array, at: float) -> Array:
-    """A profile at a time, linear between the outputs, nan beyond them; ``values`` is ``(times, points)``."""
-    if at > time[-1] * (1.0 + SAME_TIME):
+def is_told(result: xr.Dataset, at: float) -> bool:
+    """Whether a result has an output at a time, s, or outputs before and after it with no change of phase between."""
+    times, ends = result["time"].values, result["phase_end"].values
+    slack = SAME_TIME * times[-1]
+    if at > times[-1] + slack:
+        return False
+    before, after = times[times <= at + slack].max(), times[times >= at - slack].min()
+    return not ((ends > before + slack) & (ends < after - slack)).any()
+
+
+def profile_at(result: xr.Dataset, values: Array, at: float) -> Array:
+    """A profile of a result at a time, linear between its outputs, nan where it `is_told` not.
+
+    Parameters
+    ----------
+    result
+        With the times of the outputs and the ends of the phases.
+    values
+        The profiles at the outputs, ``(times, points)``.
+    at
+        Time wanted, s.
+    """
+    if not is_told(result, at):
         return np.full(values.shape[1], np.nan)
+    time = result["time"].values
     upper = int(np.clip(np.searchsorted(time, at), 1, len(time) - 1))
     share = np.clip((at - time[upper - 1]) / (time[upper] - time[upper - 1]), 0.0, 1.0)
     return values[upper - 1] + share * (values[upper] - values[upper - 1])

@@ -13,7 +13,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from fvswell.analysis.comparison import Comparison, local_strain, profile_at
+from fvswell.analysis.comparison import Comparison, is_told, local_strain, profile_at
 from fvswell.errors import OutputError
 from fvswell.physics.tissue import Array
 from fvswell.reporting.plots import (
@@ -106,7 +106,8 @@ def block_figure(results: Mapping[str, xr.Dataset], times: Sequence[float], vari
                 axes.set_title(f"$t$ = {time_text(at)}")
             if row == len(rows) - 1:
                 axes.set_xlabel("$x$ (mm)")
-        panels[row, 0].set_ylabel(_height_label(limits) if len(results) == 1 else f"{label}\n{_height_label(limits)}")
+        names = [] if len(results) == 1 else [label.replace("/", "/\n")]
+        panels[row, 0].set_ylabel("\n".join([*names, _height_label(limits)]))
     for name in variables:
         own = [row for row, (each, _) in enumerate(rows) if each == name]
         if own:
@@ -139,9 +140,7 @@ def block_comparison_figure(comparison: Comparison) -> Figure:
     draw_gaps(gaps, comparison, lines)
     differences = []
     for each in nearest:
-        own, reference = (
-            profile_at(result["time"].values, local_strain(result), each.time) for result in (results[each.model], base)
-        )
+        own, reference = (profile_at(result, local_strain(result), each.time) for result in (results[each.model], base))
         differences.append(own - reference)
     largest = max(float(np.nanmax(np.abs(difference))) for difference in differences) or 1.0
     colours = ScalarMappable(Normalize(-largest, largest), _DIFFERENCE_COLOURS)
@@ -165,13 +164,9 @@ def _ratios(heights: Sequence[float]) -> list[float]:
     return [heights[0], sum(heights[1:]) + _TITLES_HEIGHT]
 
 
-def _reached(result: xr.Dataset, at: float) -> bool:
-    return at <= float(result["time"][-1])
-
-
 def _limits(results: Mapping[str, xr.Dataset], times: Sequence[float]) -> Array:
     """Least and largest coordinates of all that is drawn, ``(2 axes, 2)``, mm."""
-    drawn = [moved_nodes(result, at) for result in results.values() for at in [0.0, *times] if _reached(result, at)]
+    drawn = [moved_nodes(result, at) for result in results.values() for at in [0.0, *times] if is_told(result, at)]
     points = np.concatenate(drawn, axis=1)
     low, high = points.min(axis=1), points.max(axis=1)
     slender = not _to_scale(np.stack([low, high], axis=1))
@@ -198,11 +193,11 @@ def _colours(results: Mapping[str, xr.Dataset], times: Sequence[float], name: st
     """The scale of a variable, the same for all times and results."""
     values = np.concatenate(
         [
-            profile_at(result["time"].values, result[name].values, at)
+            profile_at(result, result[name].values, at)
             for result in results.values()
             if name in result
             for at in times
-            if _reached(result, at)
+            if is_told(result, at)
         ]
         or [np.zeros(1)]
     )
@@ -221,9 +216,10 @@ def _height_label(limits: Array) -> str:
 
 
 def _draw_field(axes: Axes, result: xr.Dataset, name: str, at: float, colours: ScalarMappable) -> None:
-    if not _reached(result, at):
+    if not is_told(result, at):
+        axes.text(0.5, 0.5, "no output", transform=axes.transAxes, ha="center", va="center", color="0.5")
         return
-    values = profile_at(result["time"].values, result[name].values, at) * print_unit(name)[0]
+    values = profile_at(result, result[name].values, at) * print_unit(name)[0]
     if FIELDS[name].location == "node":
         values = values[quadrilaterals(result)].mean(axis=1)
     _draw_cells(axes, result, values, at, colours)

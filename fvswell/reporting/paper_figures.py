@@ -81,7 +81,7 @@ def _local_strains(comparison: Comparison) -> Figure:
         strains = {}
         for model in (_FULL, _REDUCED):
             result = comparison.results[model]
-            strains[model] = profile_at(result["time"].values, local_strain(result), difference.time)
+            strains[model] = profile_at(result, local_strain(result), difference.time)
             x, line = result["x"].values, lines[model]
             above.plot(x, 100.0 * strains[model], color=line.color, linestyle=line.style, label=model)
         error = np.abs(strains[_REDUCED] - strains[_FULL]) / np.abs(strains[_FULL])

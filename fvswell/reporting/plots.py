@@ -186,7 +186,7 @@ def comparison_figure(comparison: Comparison) -> Figure:
         shared = shared or axes
         nearest = nearest_model(comparison, phase)
         for label, result in results.items():
-            profile = profile_at(result["time"].values, local_strain(result), nearest.time)
+            profile = profile_at(result, local_strain(result), nearest.time)
             _draw_over_depth(axes, result, "x", profile, lines[label])
         axes.set_title(f"{phase}, after {time_text(nearest.time_in_phase)}")
         axes.set_xlabel(_DEPTH_LABEL)
@@ -357,7 +357,7 @@ def draw_gaps(axes: Axes, comparison: Comparison, lines: Mapping[str, Line]) -> 
 
 def _draw_profile(axes: Axes, result: xr.Dataset, variable: str, at: float, line: Line) -> None:
     position = "x" if FIELDS[variable].location == "cell" else "x_node"
-    values = profile_at(result["time"].values, result[variable].values, at) * print_unit(variable)[0]
+    values = profile_at(result, result[variable].values, at) * print_unit(variable)[0]
     _draw_over_depth(axes, result, position, values, line)
 
 
