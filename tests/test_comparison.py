@@ -13,17 +13,8 @@ from small_cases import small_compression, small_swelling
 
 import fvswell
 from fvswell.analysis.characteristics import characteristics
-from fvswell.analysis.comparison import (
-    Comparison,
-    common_times,
-    compare,
-    compare_results,
-    history_at,
-    local_strain,
-    profile_at,
-    reference_model,
-    with_models,
-)
+from fvswell.analysis.comparison import Comparison, compare, compare_results, reference_model, with_models
+from fvswell.analysis.histories import all_histories, common_times, history_at, local_strain, profile_at
 from fvswell.case.case import MODELS, CaseError
 from fvswell.errors import OutputError
 from fvswell.reporting.reports import comparison_remarks
@@ -100,6 +91,17 @@ def test_history_is_unknown_beyond_its_end() -> None:
     assert np.isfinite(values[0])
     assert np.isnan(values[1])
     assert np.isnan(history_at(TIMES[:1], TIMES[:1], 2.0, np.array([5.0]))).all()
+
+
+def test_a_jump_at_the_start_of_a_phase_is_not_interpolated() -> None:
+    """The displacement of a free edge jumps with the load; first outputs lie at different times."""
+    made_up = {
+        name: xr.Dataset({"jumps": ("time", [0.0, *np.ones(len(times))])}, coords={"time": [0.0, *times]})
+        for name, times in (("early", [0.01, 1.0, 2.0]), ("late", [0.5, 2.0]))
+    }
+    every, histories = all_histories(made_up, "jumps", 0.0, 2.0)
+    assert every[0] == 0.5
+    np.testing.assert_array_equal(histories["late"], histories["early"])
 
 
 def test_profile_is_linear_between_outputs_of_a_phase_and_unknown_elsewhere() -> None:

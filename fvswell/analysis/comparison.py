@@ -7,7 +7,7 @@ definition, and those of its pressure are compared instead.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -15,15 +15,21 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from scipy.interpolate import PchipInterpolator
 
+from fvswell.analysis.histories import (
+    FEWEST_OUTPUTS,
+    all_histories,
+    has_outputs,
+    local_strain,
+    phase_histories,
+    profile_at,
+    rounding_of,
+)
 from fvswell.block.sides import EDGES
 from fvswell.case.case import MODELS, BlockCase, Case, CaseError
 from fvswell.case.errors import Problem
-from fvswell.case.schema import STEPS_PER_PHASE
 from fvswell.physics.tissue import Array
 from fvswell.prediction.predictor import NO_VARIATION, coefficient_of_determination
-from fvswell.results.file import SAME_TIME
 from fvswell.results.moved_grid import AXES, is_block
 from fvswell.results.table import write_table
 from fvswell.simulation.run import run
@@ -33,25 +39,13 @@ __all__ = [
     "ColumnDifference",
     "Comparison",
     "Difference",
-    "common_times",
     "compare",
     "compare_results",
     "compared_quantities",
-    "has_outputs",
-    "history_at",
-    "is_told",
-    "local_strain",
-    "phase_histories",
     "phase_lengths",
-    "profile_at",
     "reference_model",
-    "rounding_of",
     "with_models",
 ]
-
-
-_FEWEST_OUTPUTS = 2  # in a phase: fewer make no history
-_AT_REST = 1e-6
 
 
 @dataclass(frozen=True)
@@ -117,7 +111,7 @@ class Comparison:
         ends = self.results[self.reference]["phase_end"].values
         times, gaps = [np.zeros(1)], [np.zeros(1)]
         for start, end in pairwise([0.0, *ends]):
-            at, histories = _all_histories(self.results, self.quantity, start, end)
+            at, histories = all_histories(self.results, self.quantity, start, end)
             times.append(at)
             gaps.append(histories[model] - histories[self.reference])
         return np.concatenate(times), np.concatenate(gaps)
@@ -205,7 +199,7 @@ def compare_results(results: Mapping[str, xr.Dataset]) -> Comparison:
     spans = list(pairwise([0.0, *base["phase_end"].values]))
     told = [has_outputs(results.values(), *span) for span in spans]
     if not any(told):
-        message = f"leaves no phase with {_FEWEST_OUTPUTS} outputs, which a comparison needs"
+        message = f"leaves no phase with {FEWEST_OUTPUTS} outputs, which a comparison needs"
         raise CaseError([Problem("output", "", message)], case.source)
     differences = [
         _difference(results, reference, model, index, phase.name, quantity, span)
@@ -226,8 +220,8 @@ def _difference(
     pair = {name: results[name] for name in (model, reference)}
     result, base = pair.values()
     at, histories = phase_histories(pair, quantity, *span)
-    every, all_histories = _all_histories(pair, quantity, *span)
-    own, data = all_histories.values()
+    every, at_every = all_histories(pair, quantity, *span)
+    own, data = at_every.values()
     farthest = int(np.nanargmax(np.abs(own - data)))
     time = float(every[farthest])
     cell, local = _local_difference(result, base, time)
@@ -254,16 +248,6 @@ def _difference(
     )
 
 
-def has_outputs(results: Iterable[xr.Dataset], start: float, end: float) -> bool:
-    """Whether each result has outputs enough in a phase to compare histories there."""
-    return all(len(_within(result["time"].values, start, end)) >= _FEWEST_OUTPUTS for result in results)
-
-
-def rounding_of(result: xr.Dataset, quantity: str) -> float:
-    """Variation of a history in a phase below which it is at rest: a millionth of its size in the whole run."""
-    return max(NO_VARIATION, _AT_REST * float(np.nanmax(np.abs(result[quantity].values))))
-
-
 def compared_quantities(case: Case, result: xr.Dataset) -> list[str]:
     """Name of the history that models are compared by in each phase.
 
@@ -287,116 +271,9 @@ def compared_quantities(case: Case, result: xr.Dataset) -> list[str]:
     return quantities
 
 
-def phase_histories(
-    results: Mapping[str, xr.Dataset], quantity: str, start: float, end: float
-) -> tuple[Array, dict[str, Array]]:
-    """Common times in a phase and the history of a quantity there in each result."""
-    times = {name: result["time"].values for name, result in results.items()}
-    at = common_times(list(times.values()), start, end)
-    return at, {name: history_at(times[name], result[quantity].values, start, at) for name, result in results.items()}
-
-
-def _all_histories(
-    results: Mapping[str, xr.Dataset], quantity: str, start: float, end: float
-) -> tuple[Array, dict[str, Array]]:
-    """Histories in a phase at the times of `phase_histories` and at all outputs of any result."""
-    times = [result["time"].values for result in results.values()]
-    every = np.unique(np.concatenate([common_times(times, start, end), *(_within(t, start, end) for t in times)]))
-    every = every[np.diff(every, append=np.inf) > SAME_TIME * end]
-    return every, {
-        name: history_at(result["time"].values, result[quantity].values, start, every)
-        for name, result in results.items()
-    }
-
-
-def _within(times: Array, start: float, end: float) -> Array:
-    """Those of the times that lie after the start of a phase and not behind its end."""
-    slack = SAME_TIME * end
-    return times[(times > start + slack) & (times <= end + slack)]
-
-
 def _local_difference(result: xr.Dataset, base: xr.Dataset, time: float) -> tuple[int, dict[str, float]]:
     """Cell with the largest difference of the local strain at a time, and that by the names of `Difference`."""
     own, reference = (profile_at(r, local_strain(r), time) for r in (result, base))
     cell = int(np.argmax(np.abs(own - reference)))
     gap, whole = float(own[cell] - reference[cell]), float(reference[cell])
     return cell, {"local_strain": gap, "local_strain_ratio": abs(gap / whole) if abs(whole) > NO_VARIATION else np.nan}
-
-
-def common_times(times: Sequence[Array], start: float, end: float) -> Array:
-    """Times in a phase at which histories are compared.
-
-    The output times after ``start`` up to ``end``, s, if they are the same in all of ``times``; otherwise the
-    ends of 50 equal steps.
-    """
-    slack = SAME_TIME * end
-    within = [_within(each, start, end) for each in times]
-    first = within[0]
-    if first.size and all(
-        each.shape == first.shape and np.allclose(each, first, rtol=0.0, atol=slack) for each in within
-    ):
-        return first
-    return start + (end - start) * np.arange(1, STEPS_PER_PHASE + 1) / STEPS_PER_PHASE
-
-
-def history_at(time: Array, values: Array, start: float, at: Array) -> Array:
-    """A history at given times of a phase; nan beyond its ends.
-
-    Between its own times it is interpolated, by a monotone cubic over the square root of the time since the
-    phase began: what follows a jump is about linear in that root.
-
-    Parameters
-    ----------
-    time, values
-        The history, shape ``(times,)``, s.
-    start
-        When the phase began, s.
-    at
-        Times wanted, s, none before ``start``.
-    """
-    slack = SAME_TIME * float(np.max(at))
-    nearest = np.abs(time[:, None] - at).argmin(axis=0)
-    if np.all(np.abs(time[nearest] - at) <= slack):
-        return values[nearest]
-    own = (time >= start - slack) & (time <= at.max() + slack)
-    if own.sum() < 2:
-        return np.full(at.shape, np.nan)
-    root, last = np.sqrt(np.maximum(time[own] - start, 0.0)), time[own][-1]
-    inside = PchipInterpolator(root, values[own])(np.sqrt(np.minimum(at, last) - start))
-    return np.where(at <= last + slack, inside, np.nan)
-
-
-def local_strain(result: xr.Dataset) -> Array:
-    """Strain of each cell from the equilibrated sample, ``(times, cells)``."""
-    J = result["volume_ratio"].values
-    return J / J[0] - 1.0
-
-
-def is_told(result: xr.Dataset, at: float) -> bool:
-    """Whether a result has an output at a time, s, or outputs before and after it with no change of phase between."""
-    times, ends = result["time"].values, result["phase_end"].values
-    slack = SAME_TIME * times[-1]
-    if at > times[-1] + slack:
-        return False
-    before, after = times[times <= at + slack].max(), times[times >= at - slack].min()
-    return not ((ends > before + slack) & (ends < after - slack)).any()
-
-
-def profile_at(result: xr.Dataset, values: Array, at: float) -> Array:
-    """A profile of a result at a time, linear between its outputs, nan where it `is_told` not.
-
-    Parameters
-    ----------
-    result
-        With the times of the outputs and the ends of the phases.
-    values
-        The profiles at the outputs, ``(times, points)``.
-    at
-        Time wanted, s.
-    """
-    if not is_told(result, at):
-        return np.full(values.shape[1], np.nan)
-    time = result["time"].values
-    upper = int(np.clip(np.searchsorted(time, at), 1, len(time) - 1))
-    share = np.clip((at - time[upper - 1]) / (time[upper] - time[upper - 1]), 0.0, 1.0)
-    return values[upper - 1] + share * (values[upper] - values[upper - 1])

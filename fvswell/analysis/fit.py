@@ -20,7 +20,8 @@ import numpy as np
 import xarray as xr
 from scipy.optimize import minimize_scalar
 
-from fvswell.analysis.comparison import compared_quantities, has_outputs, phase_histories, phase_lengths, rounding_of
+from fvswell.analysis.comparison import compared_quantities, phase_lengths
+from fvswell.analysis.histories import has_outputs, phase_histories, rounding_of
 from fvswell.case.case import Case, CaseError
 from fvswell.case.errors import Problem, nearest_name
 from fvswell.case.reading import value_type

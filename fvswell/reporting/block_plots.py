@@ -13,7 +13,8 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from fvswell.analysis.comparison import Comparison, is_told, local_strain, profile_at
+from fvswell.analysis.comparison import Comparison
+from fvswell.analysis.histories import is_told, local_strain, profile_at
 from fvswell.errors import OutputError
 from fvswell.physics.tissue import Array
 from fvswell.reporting.plots import (

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from fvswell.analysis.comparison import ColumnDifference, Comparison, history_at, local_strain, profile_at
+from fvswell.analysis.comparison import ColumnDifference, Comparison
 from fvswell.analysis.fit import Fit
+from fvswell.analysis.histories import history_at, local_strain, profile_at
 from fvswell.analysis.rules import CurveFit
 from fvswell.reporting.paper import PaperResults
 from fvswell.reporting.plots import PAGE_WIDTH, axis_label, draw_histories, in_print_style, line_styles, time_unit

@@ -17,7 +17,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from fvswell.analysis.comparison import Comparison, Difference, local_strain, profile_at
+from fvswell.analysis.comparison import Comparison, Difference
+from fvswell.analysis.histories import local_strain, profile_at
 from fvswell.case.errors import nearest_name
 from fvswell.errors import OutputError
 from fvswell.physics.tissue import Array
