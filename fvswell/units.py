@@ -15,7 +15,7 @@ from functools import cache
 from numbers import Real
 from typing import Any
 
-__all__ = ["DIMENSIONS", "NUMBER", "PLAIN_NUMBER", "Dimension", "QuantityError", "parse"]
+__all__ = ["DIMENSIONS", "NUMBER", "PLAIN_NUMBER", "Dimension", "QuantityError", "number_or_text", "parse"]
 
 PLAIN_NUMBER = "plain number"
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
@@ -49,6 +49,14 @@ DIMENSIONS: dict[str, Dimension] = {
     "electric potential": Dimension("mV", '"30 mV"'),
     PLAIN_NUMBER: Dimension("", "0.5"),
 }
+
+
+def number_or_text(given: float | str) -> float | str:
+    """What a command line gives as `parse` takes it: text without a unit is a number in the internal one."""
+    try:
+        return float(given)
+    except ValueError:
+        return given
 
 
 def parse(value: str | float, dimension_name: str) -> float:

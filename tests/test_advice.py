@@ -52,6 +52,20 @@ def test_advice_agrees_with_the_models(case: Case) -> None:
         assert low <= simulated.r_squared <= high
 
 
+def test_advice_says_what_its_accuracy_is_not_known_of() -> None:
+    assert advise(small_compression(**RELAXED)).beyond == ()
+    other = small_compression(
+        tissue__solid="neo-hookean-log", tissue__permeability_exponent=4.0, phase__loading__duration=30.0,
+        phase__unloading__bath_concentration=1e-4,
+        tissue__youngs_modulus={"depth": [0.0, 0.5], "value": [0.4, 0.6]},
+    )  # fmt: skip
+    assert advise(other).beyond == (
+        "a tissue that varies with depth", "a neo-hookean-log solid", "a permeability that varies with strain",
+        "a change before the last one has come to rest", "load and bath changed at once",
+    )  # fmt: skip
+    assert any("take the brackets as rough" in line for line in advice_lines(advise(other)))
+
+
 def test_advice_needs_no_simulation(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Marcher, "run", lambda marcher: pytest.fail("a simulation was run"))
     assert len(advise(small_swelling(**RELAXED)).phases) == 2

@@ -95,6 +95,11 @@ def test_a_phase_without_change_is_nothing_to_fit() -> None:
         fit(small_block(phase__swelling__bath_concentration=1.5e-4), phases=["swelling"])
 
 
+def test_a_property_that_the_fitted_model_does_not_have_is_nothing_to_fit() -> None:
+    with pytest.raises(CaseError, match="hindrance_factor: makes no difference to the biphasic-swelling model"):
+        fit(gentle_compression(), parameter="hindrance_factor", limits=(0.1, 0.5))
+
+
 def test_a_phase_without_outputs_is_nothing_to_fit() -> None:
     case = small_block(output={"times": [1e3, 2e3, 1e4, 2e4]})
     with pytest.raises(CaseError, match="phases = compression: has too few outputs to follow"):

@@ -64,7 +64,8 @@ def test_the_result_tells_every_run(study, result):
 
 def test_every_variable_has_its_metadata(result):
     for name, variable in result.variables.items():
-        assert {"units", "long_name", "location", "cell_methods"} <= set(variable.attrs), name
+        told = {"units", "long_name"} | ({"location", "cell_methods"} if "run" in variable.dims else set())
+        assert told <= set(variable.attrs), name
     for name in ("Conventions", "title", "institution", "source", "history", "references", "comment",
                  "package_versions", "study_sha256"):  # fmt: skip
         assert result.attrs[name]
@@ -179,6 +180,17 @@ def test_parts_of_another_study_are_refused(study, tmp_path):
     with pytest.raises(OutputError, match="another study"):
         run_study(studies.study(), path, processes=1)
     assert list(path.with_name("study.nc.parts").glob("*.npz"))
+
+
+def test_a_study_that_was_stopped_before_its_first_batch_may_change(study, tmp_path):
+    path = tmp_path / "study.nc"
+
+    def interrupt(progress):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_study(studies.study(), path, processes=1, report=interrupt)
+    assert run_study(study, path, processes=1).resumed == 0
 
 
 def test_a_result_is_not_replaced_unless_asked(study, tmp_path):

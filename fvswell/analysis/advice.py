@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -30,6 +30,8 @@ __all__ = ["ADEQUATE", "GOOD", "Advice", "PhaseAdvice", "advise"]
 
 GOOD = 0.99  # R^2 from which the reduced model is taken to be as good
 ADEQUATE = 0.9  # from which it follows the course of the strain
+_SLOWEST_MODE = 0.25 * np.pi**2  # its decay in one diffusion time, of a column drained at one end
+_AT_REST = 0.05  # of a change still to come
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,7 @@ class Advice:
     uniform: bool  # else mean properties stand for a tissue that varies
     salt_outdraws_osmosis: bool  # whether salt moves water toward the weaker solution, in the first state of rest
     accuracy_source: str
+    beyond: tuple[str, ...]  # what sets the case apart from those that the accuracy is known of
     model: str  # recommended
     reason: str
 
@@ -90,6 +93,7 @@ def advise(case: Case) -> Advice:
         uniform=is_uniform(case),
         salt_outdraws_osmosis=bool(salt_outdraws_osmosis(*_first_rest(case)).item()),
         accuracy_source=accuracy.source,
+        beyond=tuple(_beyond(case, phases)),
         model=model,
         reason=reason,
     )
@@ -126,6 +130,20 @@ def _phases(case: Case, prediction: Prediction, accuracy: Accuracy) -> tuple[Pha
             )
         )
     return tuple(advice)
+
+
+def _beyond(case: Case, phases: Sequence[PhaseAdvice]) -> Iterator[str]:
+    """What sets a case apart from the study: uniform tissue of the paper's laws, load or bath changed at rest."""
+    if not is_uniform(case):
+        yield "a tissue that varies with depth"
+    if case.tissue.solid != "neo-hookean":
+        yield f"a {case.tissue.solid} solid"
+    if case.tissue.permeability_exponent != 0.0:
+        yield "a permeability that varies with strain"
+    if any(np.exp(-_SLOWEST_MODE * phase.duration / phase.diffusion_time) > _AT_REST for phase in phases[:-1]):
+        yield "a change before the last one has come to rest"
+    if any(not phase.change and not np.isnan(phase.r_squared) for phase in phases):
+        yield "load and bath changed at once"
 
 
 def _first_rest(case: Case) -> tuple[Mixture, Array, Array]:

@@ -31,6 +31,7 @@ from fvswell.physics.tissue import Array
 from fvswell.prediction.predictor import coefficient_of_determination
 from fvswell.results.table import write_table
 from fvswell.simulation.run import Progress, run
+from fvswell.units import number_or_text
 
 __all__ = ["FITTED_MODEL", "PAPER_REDUCTION", "Fit", "FitProblem", "Trial", "fit", "fit_problem", "run_fit"]
 
@@ -39,6 +40,7 @@ PAPER_REDUCTION = 0.1196  # of the tissue's permeability, by the fit of Wilson e
 _REFERENCE_MODELS = ("electrochemical",)
 _FACTOR = 4.0  # of the case's value, down and up: where to look unless told
 _RESOLUTION = 1e-3  # of the value
+_NO_EFFECT = 1e-9  # of the misfit
 _AT_LIMIT = 5.0 * _RESOLUTION
 
 
@@ -211,7 +213,7 @@ def run_fit(
     Raises
     ------
     CaseError
-        If nothing changes in a phase that counts.
+        If nothing changes in a phase that counts, or the property changes nothing.
     SolverError
         If a run had to stop.
     """
@@ -240,6 +242,10 @@ def run_fit(
     unfitted = attempt(problem.present)
     low, high = (math.log(limit) for limit in problem.limits)
     minimize_scalar(squares, bounds=(low, high), method="bounded", options={"xatol": _RESOLUTION})
+    squares_found = [trial.squares for trial in trials]
+    if np.ptp(squares_found) <= _NO_EFFECT * max(squares_found):
+        told = f"makes no difference to the {FITTED_MODEL} model of this case: there is nothing to fit"
+        raise CaseError([Problem("parameter", problem.parameter, told)], problem.case.source)
     best = problem.best(trials)
     fitted = run(problem.fitted_case(best.value), path=fitted_path, replace=replace, durations=target.durations)
     return Fit(
@@ -323,20 +329,12 @@ def _limits(
     values, problems = [], []
     for limit in limits:
         try:
-            values.append(reader.number(_plain_number(limit)))
+            values.append(reader.number(number_or_text(limit)))
         except ValueError as error:
             problems.append(Problem("between", str(limit), str(error)))
     if not problems and not 0.0 < values[0] < values[1]:
         problems.append(Problem("between", f"{values[0]:g}, {values[1]:g}", "must be above 0 and increase"))
     return (nowhere, problems) if problems else ((values[0], values[1]), [])
-
-
-def _plain_number(limit: float | str) -> float | str:
-    """Text without a unit is in internal units."""
-    try:
-        return float(limit)
-    except ValueError:
-        return limit
 
 
 def _until(case: Case, last: int) -> Case:

@@ -115,13 +115,17 @@ def history_at(time: Array, values: Array, start: float, at: Array) -> Array:
 
 
 def is_told(result: xr.Dataset, at: float) -> bool:
-    """Whether a result has an output at a time, s, or outputs before and after it with no change of phase between."""
+    """Whether a result has an output at a time, s, or outputs of one phase before and after it.
+
+    The state at the start of a phase is not of the phase: loads may jump there.
+    """
     times, ends = result["time"].values, result["phase_end"].values
     slack = SAME_TIME * times[-1]
     if at > times[-1] + slack:
         return False
     before, after = times[times <= at + slack].max(), times[times >= at - slack].min()
-    return not ((ends > before + slack) & (ends < after - slack)).any()
+    starts = np.append(0.0, ends)
+    return not ((starts >= before - slack) & (starts < after - slack)).any()
 
 
 def profile_at(result: xr.Dataset, values: Array, at: float) -> Array:

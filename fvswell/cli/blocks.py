@@ -50,10 +50,10 @@ def fit(
     from fvswell.results.file import refuse_existing
 
     case = read_case(case_file, settings)
-    with_models(case, [against, FITTED_MODEL])
     limits = None if between is None else [limit.strip() for limit in between.split(",")]
     names = None if phases is None else [name.strip() for name in phases.split(",")]
     problem = fit_problem(case, parameter, against, names, limits)
+    with_models(case, [against, FITTED_MODEL])
     directory = output_directory(case_file, output)
     table, reference, fitted = (directory / name for name in ("fit.csv", f"fit_{against}.nc", f"fit_{FITTED_MODEL}.nc"))
     refuse_existing([table, reference, fitted], force)

@@ -54,6 +54,10 @@ def advice_lines(advice: Advice) -> list[str]:
             f"R^2 in brackets: nine of ten simulations lie there, by strain and kind of change in the study "
             f'"{advice.accuracy_source}"'
         )
+        if advice.beyond:
+            lines.append(
+                f"which did not have {', '.join(advice.beyond)}: take the brackets as rough, and run fvswell compare"
+            )
     else:
         lines.append(f"nothing is predicted: {advice.unpredictable}")
     return [*lines, "", f"recommended: {advice.model}", f"because {advice.reason}"]

@@ -23,7 +23,7 @@ from fvswell.case.errors import nearest_name
 from fvswell.errors import OutputError
 from fvswell.physics.tissue import Array
 from fvswell.results.fields import FIELDS
-from fvswell.units import QuantityError, parse
+from fvswell.units import QuantityError, number_or_text, parse
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -266,7 +266,7 @@ def chosen_times(results: Mapping[str, xr.Dataset], text: str | None) -> list[fl
         wanted, problems = [], []
         for item in text.split(","):
             try:
-                seconds = parse(item.strip(), "time")
+                seconds = parse(number_or_text(item.strip()), "time")
             except QuantityError as error:
                 problems.append(f'time "{item.strip()}": {error}')
                 continue

@@ -19,9 +19,8 @@ class StudyField:
     @property
     def attributes(self) -> dict[str, str]:
         """Attributes of the variable in a file."""
-        return {
-            "units": self.units, "long_name": self.long_name, "location": "run", "cell_methods": self.cell_methods,
-        }  # fmt: skip
+        attributes = {"units": self.units, "long_name": self.long_name}
+        return attributes | ({"location": "run", "cell_methods": self.cell_methods} if "run" in self.dimensions else {})
 
 
 _RUN, _PHASE, _MODEL = ("run",), ("run", "phase"), ("run", "model", "phase")

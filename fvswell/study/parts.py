@@ -37,10 +37,10 @@ class StudyParts:
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
             label = self.directory / _KEY
-            if not label.exists():
-                if any(self.directory.glob("*" + _SUFFIX)):
-                    raise OutputError(f"{self.directory}: holds files of unknown origin; remove it")
+            if not any(self.directory.glob("*" + _SUFFIX)):
                 self._write(label, lambda file: file.write(key.encode()))
+            elif not label.exists():
+                raise OutputError(f"{self.directory}: holds files of unknown origin; remove it")
             elif label.read_text() != key:
                 raise OutputError(
                     f"{self.directory}: holds finished batches of another study or of another version of fvswell; "
