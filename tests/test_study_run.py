@@ -64,8 +64,8 @@ def test_the_result_tells_every_run(study, result):
 
 def test_every_variable_has_its_metadata(result):
     for name, variable in result.variables.items():
-        told = {"units", "long_name"} | ({"location", "cell_methods"} if "run" in variable.dims else set())
-        assert told <= set(variable.attrs), name
+        assert {"units", "long_name", "location", "cell_methods"} <= set(variable.attrs), name
+        assert {variable.attrs["location"], variable.attrs["cell_methods"].split(":")[0]} <= set(variable.dims), name
     for name in ("Conventions", "title", "institution", "source", "history", "references", "comment",
                  "package_versions", "study_sha256"):  # fmt: skip
         assert result.attrs[name]

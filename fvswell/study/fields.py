@@ -14,13 +14,15 @@ class StudyField:
     dimensions: tuple[str, ...]
     units: str
     long_name: str
-    cell_methods: str = "run: point"
+    cell_methods: str = ""  # points along the first dimension unless told
 
     @property
     def attributes(self) -> dict[str, str]:
         """Attributes of the variable in a file."""
-        attributes = {"units": self.units, "long_name": self.long_name}
-        return attributes | ({"location": "run", "cell_methods": self.cell_methods} if "run" in self.dimensions else {})
+        return {
+            "units": self.units, "long_name": self.long_name, "location": self.dimensions[0],
+            "cell_methods": self.cell_methods or f"{self.dimensions[0]}: point",
+        }  # fmt: skip
 
 
 _RUN, _PHASE, _MODEL = ("run",), ("run", "phase"), ("run", "model", "phase")
