@@ -64,7 +64,7 @@ def test_lost_matter_is_not_passed_over(monkeypatch: pytest.MonkeyPatch) -> None
 
     def leak(self: ColumnSystem, *arguments: Any) -> Solution:
         solution = solve(self, *arguments)
-        solution.contents[0] *= 1.0 - 1e-6
+        solution.contents[0] *= 1.0 - 1e-7
         return solution
 
     monkeypatch.setattr(ColumnSystem, "solve", leak)

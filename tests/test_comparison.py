@@ -113,6 +113,7 @@ def test_profile_is_linear_between_outputs_of_a_phase_and_unknown_elsewhere() ->
     assert np.isnan(profile_at(result, profiles, 6.1)).all()
     assert np.isnan(profile_at(result, profiles, 0.5)).all()  # the load may jump at the start of a phase
     assert np.isnan(profile_at(result, profiles, 5.0)).all()
+    np.testing.assert_array_equal(profile_at(result.isel(time=[0]), profiles[:1], 0.0), [0.0, 0.0])  # stopped at once
     sparse = result.assign(phase_end=("phase", [5.0, 6.0]))  # the load changes between two outputs
     assert np.isnan(profile_at(sparse, profiles, 4.5)).all()
     np.testing.assert_array_equal(profile_at(sparse, profiles, 4.0), [4.0, 8.0])

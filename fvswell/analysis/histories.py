@@ -143,9 +143,10 @@ def profile_at(result: xr.Dataset, values: Array, at: float) -> Array:
     if not is_told(result, at):
         return np.full(values.shape[1], np.nan)
     time = result["time"].values
-    upper = int(np.clip(np.searchsorted(time, at), 1, len(time) - 1))
-    share = np.clip((at - time[upper - 1]) / (time[upper] - time[upper - 1]), 0.0, 1.0)
-    return values[upper - 1] + share * (values[upper] - values[upper - 1])
+    upper = int(np.searchsorted(time, at).clip(max=len(time) - 1))
+    lower = max(upper - 1, 0)
+    share = np.clip((at - time[lower]) / (time[upper] - time[lower]), 0.0, 1.0) if upper > lower else 0.0
+    return values[lower] + share * (values[upper] - values[lower])
 
 
 def local_strain(result: xr.Dataset) -> Array:

@@ -9,9 +9,9 @@ import numpy as np
 from fvswell.numerics.time_stepping import State, Step
 from fvswell.physics.tissue import Array
 
-__all__ = ["LARGEST_LOSS", "ConservationBooks"]
+__all__ = ["ConservationBooks"]
 
-LARGEST_LOSS = 1e-8  # of what is in the body and has crossed its boundary: beyond it a result is refused
+_LARGEST_LOSS = 1e-8  # of what is in the body and has crossed its boundary: beyond it a result is refused
 
 _ROUNDING_SCALE = 1e-4  # of the content: at rest, where nothing crosses, rounding is told relative to this
 
@@ -78,7 +78,7 @@ class ConservationBooks:
 
     def refusal(self, row: int) -> str | None:
         """Why the result of a row is refused, if it is."""
-        if self.loss[row] <= LARGEST_LOSS:
+        if self.loss[row] <= _LARGEST_LOSS:
             return None
         return f"a balance is off by {self.loss[row]:.3g} of what is in the tissue and crossed its boundary"
 

@@ -220,7 +220,7 @@ def _comparison_table(comparison: Comparison, phase: str) -> TextTable:
             _amount(difference.largest, quantity),
             f"{difference.time_in_phase:.4g}",
             percent(difference.local_strain),
-            f"{100.0 * difference.local_strain_ratio:.2f} %",
+            "-" if np.isnan(difference.local_strain_ratio) else f"{100.0 * difference.local_strain_ratio:.2f} %",
         ]
         if isinstance(difference, BlockDifference):
             places = ["at x, y (mm)", "last"]
