@@ -29,7 +29,7 @@ from scipy.sparse.linalg import splu
 import fvswell
 from fvswell.block.system import edge_loads
 from fvswell.block.transport import BlockInterval
-from fvswell.numerics.direct_solver import DirectSolver
+from fvswell.numerics.sparse_lu import DirectSolver
 from fvswell.simulation.block_run import BlockRun
 
 CASE = Path(__file__).parent.parent / "cases" / "plane_strain.toml"

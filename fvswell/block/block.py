@@ -30,7 +30,7 @@ from fvswell.block.mechanics import BlockSolid, block_solid
 from fvswell.block.sides import EDGE_AXIS, EDGES, OUTWARD
 from fvswell.block.stabilisation import alternating_storage
 from fvswell.block.transport import BlockBalance, BlockInterval, BlockTransportTerm, at_points
-from fvswell.numerics.direct_solver import DirectSolver
+from fvswell.numerics.sparse_lu import DirectSolver
 from fvswell.physics.differentiation import local_derivative
 from fvswell.physics.models import Mixture
 from fvswell.physics.solid import aggregate_modulus, shear_modulus

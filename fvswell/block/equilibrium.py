@@ -17,7 +17,7 @@ from fvswell.block.edges import drive_names
 from fvswell.block.newton import NewtonResult, newton
 from fvswell.block.system import BlockSystem, edge_loads, loads_found
 from fvswell.block.transport import BlockInterval, BlockTransportTerm
-from fvswell.numerics.direct_solver import DirectSolver
+from fvswell.numerics.sparse_lu import DirectSolver
 from fvswell.numerics.time_stepping import State
 from fvswell.physics.models import Mixture
 from fvswell.physics.permeability import open_circuit_ratio

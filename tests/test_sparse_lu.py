@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from fvswell.numerics.direct_solver import DirectSolver, nested_dissection
+from fvswell.numerics.sparse_lu import DirectSolver, nested_dissection
 from fvswell.physics.tissue import Array
 
 
