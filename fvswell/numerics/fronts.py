@@ -11,8 +11,10 @@ from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.blas import dgemm
 from scipy.linalg.lapack import dgetrf, dgetrs
 
+from fvswell.numerics.blas import one_blas_thread
 from fvswell.numerics.dissection import Part
 from fvswell.physics.tissue import Array
 
@@ -65,6 +67,7 @@ class Fronts:
             entries = by_part[first:end]
             self._add(part.children, slice(start, stop), entries, rows[entries], columns[entries])
 
+    @one_blas_thread()
     def factorise(self, values: Array) -> FrontFactors | None:
         """Factors of the matrix with these values of the entries; None if the block of a part is singular."""
         eliminated: list[_Eliminated] = []
@@ -79,15 +82,14 @@ class Fronts:
                 added = remaining.pop(child)
                 for (rows, to_rows), (columns, to_columns) in product(runs, runs):
                     matrix[to_rows, to_columns] += added[rows, columns]
-            # a front is stored row by row, LAPACK wants columns: it gets the transposed block
+            # a front is stored row by row, LAPACK and BLAS want columns: they get transposed blocks
             factors, pivots, singular = dgetrf(matrix[:number, :number].T)
             if singular:
                 return None
             left, above = np.empty((0, number)), matrix[:number, number:].copy()
             if len(front.boundary):
                 left = dgetrs(factors, pivots, matrix[number:, :number].T)[0].T
-                remaining[index] = left @ above
-                np.subtract(matrix[number:, number:], remaining[index], out=remaining[index])
+                remaining[index] = dgemm(-1.0, above.T, left.T, 1.0, matrix[number:, number:].T).T
             eliminated.append(_Eliminated(front.own, front.boundary, factors, pivots, left, above))
         return FrontFactors(eliminated, self._order)
 
@@ -116,6 +118,7 @@ class FrontFactors:
         """Number of entries that are stored."""
         return sum(part.factors.size + part.left.size + part.above.size for part in self._eliminated)
 
+    @one_blas_thread()
     def solve(self, right_side: Array) -> Array:
         """Solution of the system."""
         values = right_side[self._order]

@@ -16,13 +16,13 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 
 from fvswell.errors import SolverError
+from fvswell.numerics.blas import THREAD_VARIABLES
 from fvswell.study.batches import Batch, BatchResult, run_batch
 
 __all__ = ["Finished", "SchedulerError", "available_cores", "in_this_process", "on_cores", "on_dask"]
 
 Finished = Generator[tuple[int, BatchResult], None, None]
 
-_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 _PATIENCE = 30.0  # s, for a cluster to answer
 
 
@@ -106,8 +106,8 @@ def on_dask(batches: Sequence[Batch], address: str) -> Finished:
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
     """Processes started in here compute on one thread: the work is shared out among processes already."""
-    before = {name: os.environ.get(name) for name in _THREAD_VARIABLES}
-    os.environ.update(dict.fromkeys(_THREAD_VARIABLES, "1"))
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     try:
         yield
     finally:
