@@ -26,13 +26,22 @@ def lattice_matrix(side: int) -> tuple[sparse.coo_array, Array]:
     return sparse.coo_array((values, (rows, columns)), shape=matrix.shape), places
 
 
+@pytest.mark.parametrize("method", ["fronts", "superlu"])
 @pytest.mark.parametrize("side", [2, 7, 30])
-def test_solution_solves_the_system(side: int) -> None:
+def test_solution_solves_the_system(side: int, method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FVSWELL_SPARSE_SOLVER", method)
     matrix, places = lattice_matrix(side)
     places[:, 1] = np.nan  # as the displacement of a tied edge
     right_side = np.random.default_rng(1).normal(size=side**2)
     solution = DirectSolver(matrix.row, matrix.col, places).factorise(matrix.data).solve(right_side)
     assert np.abs(matrix @ solution - right_side).max() < 1e-13
+
+
+def test_a_method_that_there_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FVSWELL_SPARSE_SOLVER", "guess")
+    matrix, places = lattice_matrix(2)
+    with pytest.raises(ValueError, match="FVSWELL_SPARSE_SOLVER is 'guess' in the environment; it can be fronts or s"):
+        DirectSolver(matrix.row, matrix.col, places)
 
 
 def test_factors_serve_several_threads() -> None:

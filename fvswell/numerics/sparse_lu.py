@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from functools import cache, cached_property, partial
 from typing import Any, NamedTuple, Protocol
@@ -16,6 +17,8 @@ from fvswell.physics.tissue import Array
 
 __all__ = ["DirectSolver", "Factors"]
 
+_VARIABLE = "FVSWELL_SPARSE_SOLVER"
+_METHODS = ("fronts", "superlu")
 _REFINED = 1e-10  # residual relative to the right side: refined above
 _SOLVED = 1e-6  # no solution above
 _REFINEMENTS = 2
@@ -37,7 +40,8 @@ class DirectSolver:
     """Factorises matrices whose entries lie in the same places.
 
     Fronts take their pivots from within a part of the grid. Where there is none, or the solution does not satisfy
-    the system, SuperLU is asked, which takes them from the whole matrix.
+    the system, SuperLU is asked, which takes them from the whole matrix. FVSWELL_SPARSE_SOLVER=superlu in the
+    environment asks SuperLU alone.
 
     Parameters
     ----------
@@ -45,6 +49,11 @@ class DirectSolver:
         Of the entries, ``(entries,)``, each place once.
     places
         Of the unknowns on the grid, ``(2, unknowns)``, see `nested_dissection`.
+
+    Raises
+    ------
+    ValueError
+        If the environment asks for a method that there is not.
     """
 
     def __init__(self, rows: Array, columns: Array, places: Array) -> None:
@@ -54,13 +63,14 @@ class DirectSolver:
         self._indptr = np.searchsorted(rows[self._by_row], np.arange(size + 1)).astype(np.int32)
         graph = self._matrix(np.ones(len(rows)))
         self._parts = nested_dissection(graph + graph.T, places)
-        self._fronts = Fronts(rows, columns, self._parts)
+        self._fronts = Fronts(rows, columns, self._parts) if _method() == "fronts" else None
 
     def factorise(self, values: Array) -> Factors:
         """Factors of the matrix with these values of the entries."""
-        return Factors(
-            self._matrix(values), [partial(self._fronts.factorise, values), lambda: self._superlu.factorise(values)]
-        )
+        attempts: list[Callable[[], _Solves | None]] = [lambda: self._superlu.factorise(values)]
+        if self._fronts is not None:
+            attempts.insert(0, partial(self._fronts.factorise, values))
+        return Factors(self._matrix(values), attempts)
 
     @cached_property
     def _superlu(self) -> _SuperLU:
@@ -116,6 +126,14 @@ class Factors:
             residual = right_side - self._matrix @ solution
             error = float(np.abs(residual).max(initial=0.0)) / size
         return solution, error
+
+
+def _method() -> str:
+    """Method that the environment asks for."""
+    method = os.environ.get(_VARIABLE, _METHODS[0])
+    if method not in _METHODS:
+        raise ValueError(f"{_VARIABLE} is {method!r} in the environment; it can be {' or '.join(_METHODS)}")
+    return method
 
 
 class _SuperLU:
