@@ -1,26 +1,22 @@
 """Equilibrium with a bath: the volume ratio at which nothing moves any more.
 
-At rest the virtual bath in the tissue is the real bath, so one equation in J remains: the stress of the solid
+In equilibrium the virtual bath in the tissue is the real bath, so one equation in J remains: the stress of the solid
 and the applied pressure balance the osmotic pressure above the bath's.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from fvswell.physics.differentiation import COMPLEX_STEP
-from fvswell.physics.electrochemistry import bath_osmotic_pressure, ion_concentrations, osmotic_pressure
-from fvswell.physics.solid import cauchy_stress, uniaxial_stress
+from fvswell.physics.osmotic import osmotic_pressure_difference
+from fvswell.physics.solids import isotropic_stress, uniaxial_stress
 from fvswell.physics.tissue import Array, Tissue
 
-__all__ = [
-    "equilibrium_volume_ratio",
-    "isotropic_equilibrium_volume_ratio",
-    "isotropic_stress",
-    "osmotic_pressure_difference",
-]
+__all__ = ["equilibrium_volume_ratio", "isotropic_equilibrium_volume_ratio"]
 
 _CONVERGED_STEP = 1e-9  # of ln(volume of water); Newton is quadratic, so the step taken last leaves 1e-18
 _LEAST_WATER, _MOST_WATER = 1e-12, 1e6  # of the water in the stress-free solid: beyond them there is no root
@@ -29,98 +25,69 @@ _MAX_ITERATIONS = 100
 
 
 def equilibrium_volume_ratio(
-    tissue: Tissue,
-    applied_pressure: Array | float,
-    bath_concentration: Array | float,
-    bath_osmotic_coefficient: Array | float,
-    swelling: bool,
+    tissue: Tissue, applied_pressure: Array | float, bath_concentration: Array | float
 ) -> Array:
-    """Volume ratio of a column (uniaxial strain) at rest: sigma_s(J) + P = pi(J, c_bath) - pi_bath.
+    """Volume ratio of a column (uniaxial strain) in equilibrium: sigma_s(J) + P = pi(J, c_bath) - pi_bath.
 
     Parameters
     ----------
     tissue
-        Properties at the points.
+        Properties at the points, as the model sees them (`Model.tissue`).
     applied_pressure
         Pressure of the piston P, MPa, compression positive.
     bath_concentration
         Salt concentration of the bath, mmol/mm3, positive.
-    bath_osmotic_coefficient
-        phi_ext.
-    swelling
-        Whether the osmotic pressures take part (they do not in the biphasic model).
 
     Returns
     -------
     array
         J, broadcast shape of all arguments; nan where no volume of water balances the load.
     """
-    osmotic = (bath_concentration, bath_osmotic_coefficient) if swelling else None
-    return _root(tissue, uniaxial_stress, applied_pressure, osmotic)
+    return _root(tissue, uniaxial_stress, applied_pressure, bath_concentration)
 
 
 def isotropic_equilibrium_volume_ratio(
-    tissue: Tissue,
-    bath_concentration: Array | float,
-    bath_osmotic_coefficient: Array | float,
-    applied_pressure: Array | float = 0.0,
+    tissue: Tissue, bath_concentration: Array | float, applied_pressure: Array | float = 0.0
 ) -> Array:
-    """Volume ratio at rest of a sample free in all directions under a drained all-round pressure.
+    """Volume ratio in equilibrium of a sample free in all directions under a drained all-round pressure.
 
-    Parameters as for ``equilibrium_volume_ratio``; the stress of the solid is that of b = J^(2/3) I.
+    Parameters as for `equilibrium_volume_ratio`; the stress of the solid is that of b = J^(2/3) I.
     """
-    return _root(tissue, isotropic_stress, applied_pressure, (bath_concentration, bath_osmotic_coefficient))
-
-
-def isotropic_stress(tissue: Tissue, J: Array) -> Array:
-    """Cauchy stress of the solid (MPa) stretched equally in all directions to the volume ratio J."""
-    square = np.exp(2.0 / 3.0 * np.log(J))
-    return cauchy_stress(tissue, square, square, square, np.zeros_like(square)).xx
-
-
-def osmotic_pressure_difference(
-    tissue: Tissue, J: Array, bath_concentration: Array | float, bath_osmotic_coefficient: Array | float
-) -> Array:
-    """pi(J, c_bath) - pi_bath in Donnan equilibrium with the bath, MPa; broadcast shape, J may be complex."""
-    cation, anion = ion_concentrations(tissue, J, np.log(bath_concentration))
-    outside = bath_osmotic_pressure(
-        np.asarray(bath_osmotic_coefficient), tissue.thermal_energy, np.asarray(bath_concentration)
-    )
-    return osmotic_pressure(tissue, cation, anion) - outside
+    return _root(tissue, isotropic_stress, applied_pressure, bath_concentration)
 
 
 def _root(
-    tissue: Tissue,
-    stress: Callable[[Tissue, Array], Array],
-    applied_pressure: Array | float,
-    osmotic: tuple[Array | float, Array | float] | None,
+    tissue: Tissue, stress: Callable[..., Any], applied_pressure: Array | float, bath_concentration: Array | float
 ) -> Array:
     """Solve stress + P - (pi - pi_bath) = 0 by a Newton method in u = ln(J - 1 + n_f0), kept in a bracket.
 
-    In u the osmotic pressure is about an exponential, on which Newton's steps stay short, and J > 1 - n_f0.
+    In u the osmotic pressure is about an exponential, on which Newton's steps stay short, and J > 1 - n_f0. A point
+    that has converged is left as it is, so that it does not depend on the others.
     """
-    solid_fraction = 1.0 - tissue.fluid_fraction
+    fluid_fraction = np.asarray(tissue.fluid_fraction)
+    pressure, bath = np.asarray(applied_pressure), np.asarray(bath_concentration)
 
     def residual(u: Array) -> Array:
-        J = solid_fraction + np.exp(u)
-        value = stress(tissue, J) + applied_pressure
-        return value if osmotic is None else value - osmotic_pressure_difference(tissue, J, *osmotic)
+        J = 1.0 - fluid_fraction + np.exp(u)
+        value: Array = stress(tissue.solid, J, fluid_fraction) + pressure - osmotic_pressure_difference(tissue, J, bath)
+        return value
 
-    water = np.log(tissue.fluid_fraction)
+    water = np.log(fluid_fraction)
     # stiff laws overflow far from the root
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         none = ~(residual(water + np.log(_LEAST_WATER)) < 0.0)
         low = np.broadcast_to(water + np.log(_LEAST_WATER), none.shape).copy()
         high = np.broadcast_to(water + np.log(_MOST_WATER), none.shape).copy()
         u = np.broadcast_to(water, none.shape)
+        done = none.copy()
         for _ in range(_MAX_ITERATIONS):
             f = residual(u + 1j * COMPLEX_STEP)
             low, high = np.where(f.real < 0.0, u, low), np.where(f.real > 0.0, u, high)
             step = np.clip(-f.real * COMPLEX_STEP / f.imag, -_LONGEST_STEP, _LONGEST_STEP)
             target = u + step
             bracketed = (target >= low) & (target <= high)  # false for nan as well
-            u, previous = np.where(bracketed, target, 0.5 * (low + high)), u
-            done = np.abs(u - previous) <= _CONVERGED_STEP
-            if np.all(done | none):
+            u, previous = np.where(done, u, np.where(bracketed, target, 0.5 * (low + high))), u
+            done |= np.abs(u - previous) <= _CONVERGED_STEP
+            if np.all(done):
                 break
-    return np.where(none | ~done, np.nan, solid_fraction + np.exp(u))
+    return np.where(none | ~done, np.nan, 1.0 - fluid_fraction + np.exp(u))

@@ -2,51 +2,143 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
+from fvswell.compiled import generic, point
 from fvswell.physics.constants import FARADAY
-from fvswell.physics.electrochemistry import fluid_fraction
-from fvswell.physics.tissue import Array, Tissue
+from fvswell.physics.tissue import convection_factor, fluid_fraction
 
 __all__ = [
+    "PERMEABILITIES",
+    "ConstantPermeability",
+    "ExponentialPermeability",
+    "HolmesMowPermeability",
+    "KozenyCarmanPermeability",
+    "SolidFractionPermeability",
     "hydraulic_permeability",
-    "open_circuit_permeability",
     "open_circuit_permeability_with_ion_volumes",
     "open_circuit_ratio",
+    "permeability",
 ]
 
 
-def hydraulic_permeability(tissue: Tissue, J: Array) -> Array:
-    """K = k0 exp(M (J - 1)), mm4/(N s)."""
-    return tissue.hydraulic_permeability * np.exp(tissue.permeability_exponent * (J - 1.0))
+class ExponentialPermeability(NamedTuple):
+    """k = k0 exp(M (J - 1)); constant with M = 0."""
+
+    hydraulic_permeability: Any  # k0, mm4/(N s)
+    permeability_exponent: Any  # M
 
 
-def open_circuit_permeability(tissue: Tissue, J: Array, cation: Array, anion: Array) -> Array:
-    """Permeability at zero current and zero salt gradient, ions without volume, mm4/(N s).
+class ConstantPermeability(NamedTuple):
+    """k = k0."""
 
-    k_open = k/(1 + k w^2 R T c_F^2/(n_f (D+ c+ + D- c-))): the streaming potential drives water back. The limit of
-    ``open_circuit_permeability_with_ion_volumes`` for ions without volume.
+    hydraulic_permeability: Any
+
+
+class HolmesMowPermeability(NamedTuple):
+    """Holmes & Mow (1990): k = k0 ((J - 1 + n_f0)/n_f0)^a exp(M (J^2 - 1)/2), which vanishes with the water."""
+
+    hydraulic_permeability: Any  # k0, mm4/(N s)
+    permeability_exponent: Any  # M
+    permeability_power: Any  # a
+
+
+class SolidFractionPermeability(NamedTuple):
+    """A power of the solid fraction, k = alpha (1 - n_f)^-M; Schroeder et al. (2008)."""
+
+    permeability_coefficient: Any  # alpha, mm4/(N s)
+    permeability_exponent: Any  # M
+
+
+class KozenyCarmanPermeability(NamedTuple):
+    """Kozeny and Carman: k = k0 (n_f/n_f0)^3 ((1 - n_f0)/(1 - n_f))^2."""
+
+    hydraulic_permeability: Any
+
+
+PERMEABILITIES: dict[str, type] = {
+    "constant": ConstantPermeability,
+    "exponential": ExponentialPermeability,
+    "holmes-mow": HolmesMowPermeability,
+    "solid-fraction": SolidFractionPermeability,
+    "kozeny-carman": KozenyCarmanPermeability,
+}
+
+
+@generic
+def permeability(law: Any, J: Any, fluid_fraction: Any) -> Any:
+    """Permeability k in Darcy's law, mm4/(N s).
+
+    Parameters
+    ----------
+    law
+        A law with its parameters.
+    J
+        Volume ratio.
+    fluid_fraction
+        n_f0 of the stress-free solid.
+    """
+
+
+@permeability.register(ExponentialPermeability)
+def _exponential(law: Any, J: Any, fluid_fraction: Any) -> Any:
+    return law.hydraulic_permeability * np.exp(law.permeability_exponent * (J - 1.0))
+
+
+@permeability.register(ConstantPermeability)
+def _constant(law: Any, J: Any, fluid_fraction: Any) -> Any:
+    return law.hydraulic_permeability + 0.0 * J
+
+
+@permeability.register(HolmesMowPermeability)
+def _holmes_mow(law: Any, J: Any, fluid_fraction: Any) -> Any:
+    water = (J - 1.0 + fluid_fraction) / fluid_fraction
+    exponent = 0.5 * law.permeability_exponent * (J * J - 1.0)
+    return law.hydraulic_permeability * np.exp(law.permeability_power * np.log(water) + exponent)
+
+
+@permeability.register(SolidFractionPermeability)
+def _solid_fraction(law: Any, J: Any, fluid_fraction: Any) -> Any:
+    return law.permeability_coefficient * np.exp(law.permeability_exponent * np.log(J / (1.0 - fluid_fraction)))
+
+
+@permeability.register(KozenyCarmanPermeability)
+def _kozeny_carman(law: Any, J: Any, fluid_fraction: Any) -> Any:
+    """The solid fraction is (1 - n_f0)/J, so the two factors are ((J - 1 + n_f0)/(n_f0 J))^3 and J^2."""
+    pore = (J - 1.0 + fluid_fraction) / fluid_fraction
+    return law.hydraulic_permeability * (pore * pore * pore) / J
+
+
+@point
+def hydraulic_permeability(tissue: Any, J: Any) -> Any:
+    """Permeability k of the tissue, mm4/(N s)."""
+    return permeability(tissue.permeability, J, tissue.fluid_fraction)
+
+
+@point
+def open_circuit_ratio(tissue: Any, J: Any, cation: Any, anion: Any) -> Any:
+    """k_open/k at zero current and zero salt gradient: the streaming potential drives water back.
+
+    k_open = k/(1 + k w^2 R T c_F^2/(n_f (D+ c+ + D- c-))), the limit of Wilson et al. (2005), Appendix B, for ions
+    without volume.
 
     Parameters
     ----------
     tissue
-        Properties at the points.
+        Properties at the point.
     J, cation, anion
-        Volume ratio and ion concentrations (mmol per mm3 of fluid), arrays of one shape.
+        Volume ratio and ion concentrations (mmol per mm3 of fluid).
     """
-    return hydraulic_permeability(tissue, J) * open_circuit_ratio(tissue, J, cation, anion)
-
-
-def open_circuit_ratio(tissue: Tissue, J: Array, cation: Array, anion: Array) -> Array:
-    """k_open/k, see `open_circuit_permeability`."""
     conductance = fluid_fraction(tissue, J) * (tissue.cation_diffusivity * cation + tissue.anion_diffusivity * anion)
-    drag = tissue.thermal_energy * (tissue.convection_factor * (cation - anion)) ** 2
-    return 1.0 / (1.0 + hydraulic_permeability(tissue, J) * drag / conductance)
+    dragged = convection_factor(tissue) * (cation - anion)
+    return 1.0 / (1.0 + hydraulic_permeability(tissue, J) * tissue.thermal_energy * (dragged * dragged) / conductance)
 
 
 def open_circuit_permeability_with_ion_volumes(
-    tissue: Tissue, J: Array, cation: Array, anion: Array, cation_volume: float, anion_volume: float
-) -> Array:
+    tissue: Any, J: Any, cation: Any, anion: Any, cation_volume: float, anion_volume: float
+) -> Any:
     """Open-circuit permeability from the full friction matrix; Wilson et al. (2005), Appendix B, mm4/(N s).
 
     Parameters
@@ -59,8 +151,9 @@ def open_circuit_permeability_with_ion_volumes(
         Molar volumes in mm3/mmol; both positive (2.33 and 15.17 in the paper).
     """
     RT, r = tissue.thermal_energy, tissue.hindrance_factor
-    n_f, k = fluid_fraction(tissue, J), hydraulic_permeability(tissue, J)
-    n_f, k, cation, anion = np.broadcast_arrays(n_f, k, cation, anion)
+    n_f, k, cation, anion = np.broadcast_arrays(
+        fluid_fraction(tissue, J), hydraulic_permeability(tissue, J), cation, anion
+    )
     B_cation = RT * n_f * cation / tissue.cation_diffusivity
     B_anion = RT * n_f * anion / tissue.anion_diffusivity
     friction = np.zeros((*n_f.shape, 3, 3))  # water, cation, anion

@@ -1,61 +1,87 @@
-"""The tissue: what it is made of, at the points where it is asked for."""
+"""The tissue at a point: its laws, each with its own parameters, and what the laws share."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from fvswell.physics.constants import GAS_CONSTANT
+from fvswell.compiled import law_at, point
 
-__all__ = ["Array", "Tissue"]
+__all__ = [
+    "Array",
+    "Tissue",
+    "convection_factor",
+    "first_rows",
+    "fixed_charge_density",
+    "fluid_fraction",
+    "tissue_at",
+    "tissue_parameters",
+]
 
 Array = np.ndarray[Any, Any]
 
 
-@dataclass(frozen=True)
-class Tissue:
-    """Tissue properties at points of the stress-free solid, in internal units.
+class Tissue(NamedTuple):
+    """Tissue at a point, or at many: every number may be an array, all of which broadcast.
 
-    Every array broadcasts to ``(rows, points)``: one row for each column of a batch. Quantities with the
-    index 0 in the literature (fluid fraction, fixed charge density, permeability) are those of the
-    stress-free solid, J = 1.
+    Quantities with the index 0 in the literature (fluid fraction, fixed charge density) are those of the stress-free
+    solid, J = 1. Internal units.
     """
 
-    solid: str  # constitutive law, see fvswell.physics.solid
-    youngs_modulus: Array  # MPa
-    poisson_ratio: Array
-    stiffening_coefficient: Array  # beta of the Holmes-Mow law; the others do not use it
-    hydraulic_permeability: Array  # mm4/(N s)
-    permeability_exponent: Array  # M in k = k0 exp(M (J - 1))
-    fluid_fraction: Array
-    fixed_charge_density: Array  # mmol of charge per mm3 of fluid
-    osmotic_coefficient: Array  # phi_int, inside the tissue
-    activity_ratio: Array  # g = (gamma_ext / gamma_int)^2
-    cation_diffusivity: Array  # mm2/s
-    anion_diffusivity: Array  # mm2/s
-    hindrance_factor: Array  # r; ions are dragged with w = 1 - r of the water's velocity
-    temperature: Array  # K
+    solid: Any  # a law of `fvswell.physics.solids`
+    permeability: Any  # a law of `fvswell.physics.permeability`
+    osmotic: Any  # a law of `fvswell.physics.osmotic`
+    fluid_fraction: Any  # n_f0
+    fixed_charge_density: Any  # c_F0, mmol of charge per mm3 of fluid
+    cation_diffusivity: Any  # mm2/s
+    anion_diffusivity: Any  # mm2/s
+    hindrance_factor: Any  # r; ions are dragged with w = 1 - r of the water's velocity
+    thermal_energy: Any  # R T, N mm/mmol
 
-    @property
-    def thermal_energy(self) -> Array:
-        """R T in N mm/mmol."""
-        return GAS_CONSTANT * self.temperature
 
-    @property
-    def convection_factor(self) -> Array:
-        """W = 1 - r, the share of the water's velocity that the ions are dragged with."""
-        return 1.0 - self.hindrance_factor
+def tissue_parameters(tissue: Tissue, points: int) -> Array:
+    """All numbers of a tissue at points, law by law, ``(parameters, points)``."""
+    numbers = [*tissue.solid, *tissue.permeability, *tissue.osmotic, *tissue[3:]]
+    parameters = np.empty((len(numbers), points))
+    for row, number in zip(parameters, numbers, strict=True):
+        row[:] = number
+    return parameters
 
-    def rows(self, index: Array) -> Tissue:
-        """Tissue of a subset of the rows; arrays with a single row serve all rows and stay."""
-        return self._map(lambda value: value[index] if value.shape[0] > 1 else value)
 
-    def points(self, index: Array | slice) -> Tissue:
-        """Tissue at a subset of the points; arrays with a single point serve all points and stay."""
-        return self._map(lambda value: value[:, index] if value.shape[1] > 1 else value)
+def first_rows(solid: type, permeability: type, osmotic: type) -> tuple[int, int, int]:
+    """Rows in which the parameters of the permeability, of the osmotic law and of the tissue begin."""
+    lengths = [len(law._fields) for law in (solid, permeability, osmotic)]  # type: ignore[attr-defined]
+    return lengths[0], lengths[0] + lengths[1], sum(lengths)
 
-    def _map(self, function: Any) -> Tissue:
-        arrays = {f.name: function(getattr(self, f.name)) for f in fields(self) if f.name != "solid"}
-        return Tissue(solid=self.solid, **arrays)
+
+@point
+def tissue_at(solid: Any, permeability: Any, osmotic: Any, first: Any, parameters: Any, i: Any) -> Any:
+    """Tissue at one point, from classes of laws and parameters as `tissue_parameters` has them.
+
+    ``first`` holds the rows in which the parameters of the permeability, of the osmotic law and of the tissue begin.
+    """
+    a, b, c = first
+    return Tissue(
+        law_at(solid, parameters, 0, i), law_at(permeability, parameters, a, i), law_at(osmotic, parameters, b, i),
+        parameters[c, i], parameters[c + 1, i], parameters[c + 2, i], parameters[c + 3, i], parameters[c + 4, i],
+        parameters[c + 5, i],
+    )  # fmt: skip
+
+
+@point
+def fluid_fraction(tissue: Any, J: Any) -> Any:
+    """n_f = (J - 1 + n_f0)/J: solid and fluid are incompressible, so J changes by the fluid alone."""
+    return (J - 1.0 + tissue.fluid_fraction) / J
+
+
+@point
+def fixed_charge_density(tissue: Any, J: Any) -> Any:
+    """c_F = c_F0 n_f0/(J - 1 + n_f0), mmol of charge per mm3 of fluid; Wilson et al. (2005), eq 7."""
+    return tissue.fixed_charge_density * tissue.fluid_fraction / (J - 1.0 + tissue.fluid_fraction)
+
+
+@point
+def convection_factor(tissue: Any) -> Any:
+    """Share w = 1 - r of the water's velocity that the ions are dragged with."""
+    return 1.0 - tissue.hindrance_factor
