@@ -1,101 +1,117 @@
-"""A column of tissue: uniaxial strain between a filter and a piston.
-
-The momentum balance is closed per cell, p = sigma_s(J) + P, so J itself is the unknown of the volume balance and the
-water potential follows from it. J is continuous in time when the load jumps; the potential is not.
-"""
+"""A column of one tissue with one model: its grid, its laws in compiled form, and the state it starts from."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
-from fvswell.physics.fluxes import FluxDerivatives
-from fvswell.physics.models import Mixture, PointState
-from fvswell.physics.solid import uniaxial_stiffness, uniaxial_stress
-from fvswell.physics.tissue import Array
+from fvswell.column.balances import COLUMN_LOADS, DIMENSIONS, full_balances, reduced_balances
+from fvswell.column.grid import ColumnGrid
+from fvswell.column.stage import ColumnBody
+from fvswell.compiled import kernel, law_kernel
+from fvswell.numerics.integrator import march
+from fvswell.numerics.state import State, start_state
+from fvswell.physics import permeability
+from fvswell.physics.equilibrium import equilibrium_volume_ratio
+from fvswell.physics.models import Model
+from fvswell.physics.osmotic import bath_log_activity, ion_concentrations
+from fvswell.physics.tissue import Array, Tissue, fixed_charge_density, tissue_parameters
 
-__all__ = ["Column", "Loads"]
+__all__ = ["Column", "OpenCircuit", "compiled_march"]
 
-
-class Loads(NamedTuple):
-    """What acts on each column at one time; arrays of shape ``(rows, 1)``."""
-
-    applied_pressure: Array  # on the piston, MPa, compression positive
-    bath_concentration: Array  # mmol/mm3
+OpenCircuit = Literal["initial", "state", "none"]
+compiled_march = kernel(march)
 
 
 @dataclass(frozen=True)
 class Column:
-    """Local laws of a column, at its cells and at its faces (filter and inner faces).
+    """A column between a filter at x = 0, open to the bath, and a piston.
 
-    The *state* at a point is what the laws depend on by value: (J, ln c~) where ions are transported, else J alone.
-    It leads the unknowns; the others enter through their gradients only.
+    Parameters
+    ----------
+    grid
+        Reference geometry.
+    model
+        What is transported.
+    cells, faces
+        Tissue at the cells (cells,) and at all faces (cells + 1,), or of one point for all.
+    concentration
+        Of the bath that the column is equilibrated in, mmol/mm3.
+    open_circuit
+        Permeability of a model that has the streaming potential in it: with k_open/k of the initial state, or of the
+        state as it is, or the tissue's own.
+    open_ends
+        Whether the end at x = 0, and that at x = h, is open to a bath.
     """
 
-    cells: Mixture
-    faces: Mixture
+    grid: ColumnGrid
+    model: Model
+    cells: Tissue
+    faces: Tissue
+    concentration: float
+    open_circuit: OpenCircuit = "initial"
+    open_ends: tuple[bool, bool] = (True, False)
+
+    def initial_volume_ratio(self) -> Array:
+        """J of the cells in equilibrium with the bath under no load, (cells,); nan where there is no equilibrium."""
+        return np.broadcast_to(
+            equilibrium_volume_ratio(self.cells, 0.0, self.concentration), len(self.grid.widths)
+        ).copy()
+
+    def contents(self, J: Array, concentration: float) -> Array:
+        """Contents (balances, cells) of cells in equilibrium with a bath."""
+        if not self.model.transports_ions:
+            return J[None].copy()
+        log_activity = bath_log_activity(self.cells.osmotic, np.asarray(concentration))
+        _, anion = ion_concentrations(self.cells.osmotic, fixed_charge_density(self.cells, J), log_activity)
+        return np.stack([J, (J - 1.0 + self.cells.fluid_fraction) * anion])
+
+    def start(self, J: Array) -> State:
+        """State of the equilibrated column; ``J`` as `initial_volume_ratio` gives it."""
+        contents = self.contents(J, self.concentration)
+        loads = np.zeros(len(COLUMN_LOADS))
+        loads[COLUMN_LOADS.index("height")] = J @ self.grid.widths
+        loads[COLUMN_LOADS.index("filter_concentration")] = self.concentration
+        loads[COLUMN_LOADS.index("piston_concentration")] = self.concentration
+        return start_state(np.append(contents.ravel(), 0.0), contents, loads, parts=2)
+
+    def body(self, J: Array) -> ColumnBody:
+        """The column as compiled code takes it; ``J`` is the initial volume ratio."""
+        n, unknowns = len(self.grid.widths), 2 if self.model.transports_ions else 1
+        laws = (type(self.cells.solid), type(self.cells.permeability), type(self.cells.osmotic))
+        if self.model.transports_ions:
+            evaluate = law_kernel(full_balances, DIMENSIONS, *laws)
+        else:
+            of_state = self.model.open_circuit and self.open_circuit == "state"
+            evaluate = law_kernel(reduced_balances, DIMENSIONS, *laws, of_state)
+        faces = np.vstack([tissue_parameters(self.faces, n + 1), self.open_circuit_ratio(J)])
+
+        def blocks(count: int) -> Any:
+            return np.zeros((unknowns, unknowns, count))
+
+        return ColumnBody(
+            evaluate=evaluate, cells=tissue_parameters(self.cells, n), faces=faces, metric=self.grid.metric,
+            open_ends=np.array(self.open_ends, dtype=float), widths=self.grid.widths, scale=self.scale[:unknowns],
+            dry=np.broadcast_to(1.0 - np.asarray(self.cells.fluid_fraction, dtype=float), n).copy(),
+            initial_height=float(J @ self.grid.widths), fluxes=np.zeros((3, n + 1)), by_lower=blocks(n + 1),
+            by_upper=blocks(n + 1), by_pressure=np.zeros((unknowns, 2)), potentials=np.zeros((6, n)), lower=blocks(n),
+            diagonal=blocks(n), upper=blocks(n), right=np.zeros((unknowns, n)), step=np.zeros((unknowns, n)),
+            response=np.zeros((unknowns, n)),
+            start=np.zeros((unknowns, n + 1)),
+        )  # fmt: skip
 
     @property
-    def balances(self) -> tuple[str, ...]:
-        """Names of the balances, in the order of the unknowns."""
-        return self.cells.model.balances
+    def scale(self) -> Array:
+        """Natural size of the contents: 1 for J, the bath's concentration for anions."""
+        return np.array([1.0, self.concentration])
 
-    @property
-    def state_size(self) -> int:
-        """2 (J, ln c~) where ions are transported, else 1 (J)."""
-        return 2 if self.cells.model.transports_ions else 1
-
-    @property
-    def smallest_volume_ratio(self) -> Array:
-        """J of the solid without water, 1 - n_f0."""
-        return 1.0 - self.cells.tissue.fluid_fraction
-
-    def rows(self, index: Array) -> Column:
-        """The laws of a subset of the rows."""
-        return Column(self.cells.rows(index), self.faces.rows(index))
-
-    def log_concentration(self, state: Array, loads: Loads) -> Array:
-        """Ln c~: an unknown where ions are transported, else that of the bath."""
-        return state[1] if self.state_size > 1 else np.log(loads.bath_concentration)
-
-    def at_cells(self, state: Array, loads: Loads) -> PointState:
-        """Local state of the cells."""
-        return self.cells.at(state[0], self.log_concentration(state, loads))
-
-    def at_faces(self, state: Array, loads: Loads) -> PointState:
-        """Local state at the faces."""
-        return self.faces.at(state[0], self.log_concentration(state, loads))
-
-    def water_potential(self, cells: PointState, loads: Loads) -> Array:
-        """mu_f = sigma_s(J) + P - pi of the cells, MPa."""
-        stress = uniaxial_stress(self.cells.tissue, cells.J)
-        return stress + loads.applied_pressure - self.cells.osmotic_pressure(cells)
-
-    def water_potential_derivatives(self, cells: PointState) -> Array:
-        """Derivatives of mu_f by the state, (state size, rows, cells); by the applied pressure it is 1."""
-        by_state = np.empty((self.state_size, *cells.J.shape))
-        for index, slope in enumerate(self.cells.osmotic_pressure_derivatives(cells)):
-            by_state[index] = -slope
-        by_state[0] += uniaxial_stiffness(self.cells.tissue, cells.J)
-        return by_state
-
-    def content_scale(self, loads: Loads) -> Array:
-        """Natural size of the contents: 1 for J, the bath's concentration for ions; ``(balances, rows, 1)``."""
-        concentration = loads.bath_concentration
-        return np.stack([np.ones_like(concentration), concentration, concentration][: len(self.balances)])
-
-    def fluxes(self, faces: PointState, reference_gradients: Array) -> Array:
-        """Fluxes at the faces from *reference* gradients of the potentials; current gradients are these over J."""
-        return self.faces.fluxes(faces, reference_gradients / faces.J)
-
-    def flux_derivatives(self, faces: PointState, reference_gradients: Array, fluxes: Array) -> FluxDerivatives:
-        """Derivatives of ``fluxes`` (given) by the state and by the reference gradients."""
-        by_state, by_gradient = self.faces.flux_derivatives(faces, reference_gradients / faces.J)
-        by_state[:, 0] -= fluxes / faces.J  # a stretched face sees smaller gradients
-        return FluxDerivatives(by_state, by_gradient / faces.J)
-
-    def filter_potentials(self, loads: Loads) -> Array:
-        """Potentials at the filter, shape ``(balances, rows, 1)``."""
-        return self.cells.bath_potentials(loads.bath_concentration)
+    def open_circuit_ratio(self, J: Array) -> Array:
+        """k_open/k at the faces (cells + 1,) where a model holds it constant, else 1."""
+        if not self.model.open_circuit or self.open_circuit != "initial":
+            return np.ones(len(self.grid.widths) + 1)
+        stretch = self.grid.face_stretch(J)
+        log_activity = bath_log_activity(self.faces.osmotic, np.asarray(self.concentration))
+        ions = ion_concentrations(self.faces.osmotic, fixed_charge_density(self.faces, stretch), log_activity)
+        return np.broadcast_to(permeability.open_circuit_ratio(self.faces, stretch, *ions), stretch.shape)

@@ -1,104 +1,172 @@
-"""Fields of a column at a time, from the state of the time loop."""
+"""Fields of a column at its outputs, all outputs at once: arrays (outputs, cells) or (outputs, nodes)."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from fvswell.column.column import Column, Loads
-from fvswell.column.grid import ColumnGrid
-from fvswell.numerics.time_stepping import State
+from fvswell.column.balances import COLUMN_LOADS
+from fvswell.column.column import Column
+from fvswell.numerics.conservation import balance_errors
+from fvswell.numerics.state import Record
 from fvswell.physics.constants import FARADAY
-from fvswell.physics.electrochemistry import (
-    electric_potential,
-    fixed_charge_density,
-    fluid_fraction,
+from fvswell.physics.fluxes import ion_flux_parts, mixture_fluxes, potential_gradient_of_current
+from fvswell.physics.osmotic import (
+    bath_log_activity,
+    bath_osmotic_pressure,
     ion_concentrations,
+    log_activity,
     osmotic_pressure,
+    virtual_concentration,
 )
-from fvswell.physics.fluxes import ion_flux_parts
-from fvswell.physics.models import Mixture, PointState
-from fvswell.physics.solid import uniaxial_stress
-from fvswell.physics.tissue import Array
+from fvswell.physics.permeability import hydraulic_permeability, open_circuit_ratio
+from fvswell.physics.solids import uniaxial_stress
+from fvswell.physics.tissue import Array, fixed_charge_density, fluid_fraction
 
 __all__ = ["column_fields"]
 
-Record = dict[str, Array]
+Fields = dict[str, Array]
 
 
-def column_fields(grid: ColumnGrid, laws: Column, state: State, initial_height: float) -> Record:
-    """Every field that the model of a single column has, by name.
+def column_fields(column: Column, initial_volume_ratio: Array, record: Record) -> Fields:
+    """Every field that the model of a column has, by name; the first axis is that of the outputs.
 
     Parameters
     ----------
-    grid, laws, state
-        The column; its batch has one row.
-    initial_height
-        Height of the equilibrated sample, mm.
+    column
+        That was run.
+    initial_volume_ratio
+        J of the cells in equilibrium before the first phase.
+    record
+        Its outputs.
     """
-    J, mixture = state.unknowns[0], laws.cells
-    pressure, bath, height = (float(state.loads[name][0]) for name in ("pressure", "bath", "height"))
-    loads = Loads(np.full((1, 1), pressure), np.full((1, 1), bath))
-    unknowns = state.unknowns[: laws.state_size]
-    log_concentration = np.broadcast_to(laws.log_concentration(unknowns, loads), J.shape)
-    cells = laws.at_cells(unknowns, loads)
-    stress = uniaxial_stress(mixture.tissue, J)
-    record: Record = {
-        "global_strain": np.array(height / initial_height - 1.0),
-        "global_strain_from_stress_free": np.array(height / grid.widths.sum() - 1.0),
-        "height": np.array(height),
-        "applied_pressure": np.array(pressure),
-        "bath_concentration": np.array(bath),
-        "volume_ratio": J[0],
-        "fluid_fraction": fluid_fraction(mixture.tissue, J)[0],
-        "fluid_pressure": (stress + pressure)[0],
-        "water_potential": laws.water_potential(cells, loads)[0],
-        "effective_stress": stress[0],
-        "displacement": np.concatenate([[0.0], np.cumsum((J[0] - 1.0) * grid.widths)]),
-        "water_flux": state.fluxes[0, 0],
+    outputs = int(record.filled[0])
+    contents, loads = record.contents[:outputs], record.loads[:outputs]
+    J, grid, tissue = contents[:, 0], column.grid, column.cells
+    pressure, height, bath = (
+        loads[:, COLUMN_LOADS.index(name)] for name in ("pressure", "height", "filter_concentration")
+    )
+    charge = fixed_charge_density(tissue, J)
+    if column.model.transports_ions:
+        anion = contents[:, 1] / (J - 1.0 + tissue.fluid_fraction)
+        cation = charge + anion
+        activity = log_activity(tissue.osmotic, charge, cation, anion)
+    else:
+        activity = np.broadcast_to(bath_log_activity(tissue.osmotic, bath[:, None]), J.shape)
+        cation, anion = ion_concentrations(tissue.osmotic, charge, activity)
+    osmotic = np.broadcast_to(osmotic_pressure(tissue.osmotic, tissue.thermal_energy, charge, cation, anion), J.shape)
+    stress = uniaxial_stress(tissue.solid, J, tissue.fluid_fraction)
+    mu = stress + pressure[:, None] - osmotic
+    moved = np.cumsum((J - 1.0) * grid.widths, axis=1)
+    fields: Fields = {
+        "global_strain": height / (initial_volume_ratio @ grid.widths) - 1.0,
+        "global_strain_from_stress_free": height / grid.widths.sum() - 1.0,
+        "height": height,
+        "applied_pressure": pressure,
+        "bath_concentration": bath,
+        "volume_ratio": J,
+        "fluid_fraction": fluid_fraction(tissue, J),
+        "fluid_pressure": stress + pressure[:, None],
+        "water_potential": mu,
+        "effective_stress": stress,
+        "displacement": np.concatenate([np.zeros((outputs, 1)), moved], axis=1),
     }
-    if mixture.model.swelling:
-        potential = state.unknowns[2] if mixture.model.transports_ions else np.zeros_like(J)
-        record |= _charged_fields(mixture, cells, log_concentration, potential)
-    if mixture.model.transports_ions:
-        record |= _ion_fluxes(grid, laws, state, loads)
-    return record
+    potential, fluxes = _fluxes(column, J, mu, activity, cation, anion, loads)
+    fields |= fluxes
+    if column.model.swelling:
+        fields |= {
+            "osmotic_pressure": osmotic,
+            "fixed_charge_density": charge,
+            "cation_concentration": cation,
+            "anion_concentration": anion,
+            "virtual_concentration": virtual_concentration(tissue.osmotic, activity),
+            # F xi/(R T) = F psi~/(R T) - ln(gamma_int c+/a~), and gamma_int^2 c+ c- = a~^2
+            "electric_potential": tissue.thermal_energy / FARADAY * (potential - 0.5 * np.log(cation / anion)),
+        }
+    return fields | balance_errors(record, column.model.transports_ions)
 
 
-def _charged_fields(mixture: Mixture, state: PointState, log_concentration: Array, potential: Array) -> Record:
-    tissue, (J, cation, anion) = mixture.tissue, state
-    return {
-        "osmotic_pressure": osmotic_pressure(tissue, cation, anion)[0],
-        "fixed_charge_density": fixed_charge_density(tissue, J)[0],
-        "cation_concentration": cation[0],
-        "anion_concentration": anion[0],
-        "virtual_concentration": np.exp(log_concentration)[0],
-        "electric_potential": electric_potential(tissue, cation, log_concentration, potential)[0],
-    }
-
-
-def _ion_fluxes(grid: ColumnGrid, laws: Column, state: State, loads: Loads) -> Record:
-    """Ion fluxes and their parts at the nodes; zero at the piston."""
-    J, log_c, _ = state.unknowns
-    tissue, bath = laws.faces.tissue, np.log(loads.bath_concentration)
-    J_face = grid.face_stretch(J)
-    log_c_face = np.concatenate([bath, 0.5 * (log_c[:, 1:] + log_c[:, :-1])], axis=1)
-    at_faces = ion_concentrations(tissue, J_face, log_c_face)
-    in_cells = ion_concentrations(laws.cells.tissue, J, log_c)
-    at_filter = ion_concentrations(tissue.points(slice(0, 1)), _filter_stretch(grid, J), bath)
-    water, anion, current = state.fluxes[:, 0]
-    record: Record = {"current_density": FARADAY * current}
-    ions = (("cation", anion + current, tissue.cation_diffusivity), ("anion", anion, tissue.anion_diffusivity))
-    for index, (ion, flux, diffusivity) in enumerate(ions):
-        gradient = np.diff(in_cells[index], axis=1, prepend=at_filter[index]) / (grid.distances * J_face)
-        parts = ion_flux_parts(
-            tissue, J_face, at_faces[index], diffusivity, flux[None, :-1], water[None, :-1], gradient
-        )  # fmt: skip
-        record[f"{ion}_flux"] = flux
+def _fluxes(
+    column: Column, J: Array, mu: Array, activity: Array, cation: Array, anion: Array, loads: Array
+) -> tuple[Array, Fields]:
+    """F psi~/(R T) in the cells, and the fluxes at the nodes with the parts of those of ions; see `column.balances`."""
+    grid, tissue = column.grid, column.faces
+    distance, _, _, mean_below, mean_above = grid.metric
+    stretch = grid.face_stretch(J)
+    shut = ~np.array([column.open_ends[0], *[True] * (len(grid.widths) - 1), column.open_ends[1]])
+    outside = _outside(column, loads)
+    mu, activity = (_with_ends(values, ends, column) for values, ends in zip((mu, activity), outside, strict=True))
+    mu_gradient = np.diff(mu) / (distance * stretch)
+    if not column.model.transports_ions:
+        k = hydraulic_permeability(tissue, stretch) * _open_circuit(column, stretch, outside[1])
+        return np.zeros_like(J), {"water_flux": np.where(shut, 0.0, -k * mu_gradient)}
+    at_face = mean_below * activity[:, :-1] + mean_above * activity[:, 1:]
+    at_face[:, 0], at_face[:, -1] = activity[:, 0], activity[:, -1]
+    at_faces = ion_concentrations(tissue.osmotic, fixed_charge_density(tissue, stretch), at_face)
+    ions: tuple[Array, Array] = at_faces
+    gradient = np.diff(activity) / (distance * stretch)
+    current = loads[:, COLUMN_LOADS.index("current"), None]
+    slope = potential_gradient_of_current(tissue, stretch, *ions, mu_gradient, gradient, current)
+    flux = mixture_fluxes(tissue, stretch, *ions, mu_gradient, gradient, slope)
+    water, j_cation, j_anion = (np.where(shut, 0.0, part) for part in flux)
+    fields: Fields = {"water_flux": water, "current_density": FARADAY * (j_cation - j_anion)}
+    at_ends = _end_concentrations(column, J, outside[1])
+    for name, at_faces, in_cells, ends, diffusivity, total in (
+        ("cation", ions[0], cation, at_ends[0], tissue.cation_diffusivity, j_cation),
+        ("anion", ions[1], anion, at_ends[1], tissue.anion_diffusivity, j_anion),
+    ):
+        slopes = np.diff(_with_ends(in_cells, ends, column)) / (distance * stretch)
+        parts = ion_flux_parts(tissue, stretch, at_faces, diffusivity, total, water, slopes)
+        fields[f"{name}_flux"] = total
         for part, value in parts._asdict().items():
-            record[f"{ion}_flux_{part}"] = np.append(value[0], 0.0)
-    return record
+            fields[f"{name}_flux_{part}"] = np.where(shut, 0.0, value)
+    rise = np.where(shut, 0.0, slope * distance * stretch)
+    return np.cumsum(rise[:, :-1], axis=1), fields
 
 
-def _filter_stretch(grid: ColumnGrid, J: Array) -> Array:
-    """J at the filter, from the two cells above it; the fluxes use that of the first cell there, (rows, 1)."""
-    return J[:, :1] - (J[:, 1:2] - J[:, :1]) * grid.distances[0] / grid.distances[1]
+def _outside(column: Column, loads: Array) -> tuple[Array, Array]:
+    """mu_f and ln a~ of the baths at both ends, (outputs, 2) each."""
+    tissue = column.faces
+    concentration = loads[:, [COLUMN_LOADS.index(f"{end}_concentration") for end in ("filter", "piston")]]
+    pressure = loads[:, [COLUMN_LOADS.index(f"{end}_pressure") for end in ("filter", "piston")]]
+    law = type(tissue.osmotic)(*(_at_ends(value) for value in tissue.osmotic))
+    osmotic = bath_osmotic_pressure(law, _at_ends(tissue.thermal_energy), concentration)
+    return pressure - osmotic, bath_log_activity(law, concentration)
+
+
+def _at_ends(value: Array | float) -> Array | float:
+    """A property of the faces at both ends of the column."""
+    return value[[0, -1]] if isinstance(value, np.ndarray) and value.size > 1 else value
+
+
+def _with_ends(cells: Array, ends: Array, column: Column) -> Array:
+    """Values of the cells between those at open ends; at a closed end that of the cell beside it."""
+    lower = ends[:, :1] if column.open_ends[0] else cells[:, :1]
+    upper = ends[:, 1:] if column.open_ends[1] else cells[:, -1:]
+    return np.concatenate([lower, cells, upper], axis=1)
+
+
+def _open_circuit(column: Column, stretch: Array, bath_activity: Array) -> Array:
+    """k_open/k at the nodes, as the model has it."""
+    if column.model.open_circuit and column.open_circuit == "state":
+        charge = fixed_charge_density(column.faces, stretch)
+        ions = ion_concentrations(column.faces.osmotic, charge, bath_activity[:, :1])
+        ratio: Array = open_circuit_ratio(column.faces, stretch, *ions)
+        return ratio
+    return column.open_circuit_ratio(column.initial_volume_ratio())
+
+
+def _end_concentrations(column: Column, J: Array, bath_activity: Array) -> tuple[Array, Array]:
+    """Ion concentrations just inside both ends, (outputs, 2), where J is extrapolated from the two cells there."""
+    widths = column.grid.widths
+    ends = []
+    for first, second in ((0, 1), (-1, -2)):
+        share = widths[first] / (widths[first] + widths[second])
+        ends.append(J[:, first] - (J[:, second] - J[:, first]) * share)
+    at_ends = np.stack(ends, axis=1)
+    law = type(column.faces.osmotic)(*(_at_ends(value) for value in column.faces.osmotic))
+    tissue = column.faces._replace(
+        fluid_fraction=_at_ends(column.faces.fluid_fraction),
+        fixed_charge_density=_at_ends(column.faces.fixed_charge_density),
+    )
+    concentrations: tuple[Array, Array] = ion_concentrations(law, fixed_charge_density(tissue, at_ends), bath_activity)
+    return concentrations
