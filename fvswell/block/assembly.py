@@ -14,22 +14,22 @@ from scipy import sparse
 from fvswell.block.diamonds import Diamonds
 from fvswell.block.edges import DegreesOfFreedom
 from fvswell.block.grid import BlockGrid
-from fvswell.block.transport import TransportDerivatives
+from fvswell.block.transport import TransportSlopes
 from fvswell.physics.tissue import Array
 
 __all__ = ["JacobianPattern", "LocalDerivatives"]
 
 
 class LocalDerivatives(NamedTuple):
-    """All that the Jacobian of a block consists of. Corners of cells and ends of faces: all x before all y."""
+    """All that the Jacobian of a block consists of, views of one array. Corners and ends: all x before all y."""
 
-    corner_forces: Array  # (8, 8, cells): forces at the corners by positions of the corners
-    volume_gradient: Array  # (8, cells): volumes of the cells by positions of the corners
-    osmotic_slope: Array  # (cells,): osmotic pressure by ln c~
-    edge_forces: Array  # (4, 4, boundary faces): forces at the ends of faces by positions of the ends
-    stabilisation: Array  # entries, volumes stored by water potentials
-    transport: TransportDerivatives
-    duration: float
+    values: Array
+    stiffness: Array  # (8, 8, cells): forces at the corners of cells by positions of the corners
+    pressure_forces: Array  # (8, cells): by water potentials
+    osmotic_forces: Array  # (8, cells): by ln a~, where ions are transported
+    edge_forces: Array  # (4, 4, edge faces): forces at the ends of faces by positions of the ends
+    storage: Array  # entries, volumes stored by water potentials
+    transport: TransportSlopes
 
 
 class JacobianPattern:
@@ -52,33 +52,51 @@ class JacobianPattern:
         self._offset = 0
         self.size = degrees_of_freedom.number + balances * grid.cells
         corners = degrees_of_freedom.of_vertex[:, grid.cell_vertices].reshape(8, -1)
-        self._mechanics(corners, degrees_of_freedom.of_vertex[:, grid.face_vertices[:, edge_faces]].reshape(4, -1))
+        ends = degrees_of_freedom.of_vertex[:, grid.face_vertices[:, edge_faces]].reshape(4, -1)
+        self._shapes = self._local_shapes(edge_faces.size, stabilisation.nnz)
+        self._mechanics(corners, ends)
         entries = stabilisation.tocoo()
         self._add(self._potential(0)[entries.row], self._potential(0)[entries.col])
         self._storage(corners)
         self._fluxes()
         self._compress()
 
+    def room(self) -> LocalDerivatives:
+        """Arrays to be filled with derivatives."""
+        sizes = [int(np.prod(shape)) for shape in self._shapes]
+        values = np.zeros(sum(sizes))
+        parts = np.split(values, np.cumsum(sizes)[:-1])
+        views = [part.reshape(shape) for part, shape in zip(parts, self._shapes, strict=True)]
+        stiffness, pressure_forces, osmotic_forces, edge_forces, storage, *others = views
+        return LocalDerivatives(
+            values, stiffness, pressure_forces, osmotic_forces, edge_forces, storage, TransportSlopes(*others)
+        )
+
     def assemble(self, local: LocalDerivatives) -> Array:
         """Entries of the Jacobian in the order of the pattern."""
-        by, dt, g = local.transport, local.duration, local.volume_gradient
-        parts = [local.corner_forces, -g, local.edge_forces, local.stabilisation, by.contents[:, :1] * g]
-        if self._balances > 1:
-            volumes = self._grid.volumes
-            parts += [-g * local.osmotic_slope, volumes * by.contents[:, 1], dt * by.log_concentration]
-        parts += [dt * by.across, dt * by.along, dt * by.points]
-        return self._scatter @ np.concatenate([part.ravel() for part in parts])
+        entries: Array = self._scatter @ local.values
+        return entries
+
+    def _local_shapes(self, edge_faces: int, storage: int) -> list[tuple[int, ...]]:
+        """Shapes of the local derivatives, in their order."""
+        V, cells, faces = self._balances, self._grid.cells, len(self._diamonds.faces)
+        ions = V > 1
+        return [
+            (8, 8, cells), (8, cells), (8 * ions, cells), (4, 4, edge_faces), (storage,), (V, 8, cells),
+            (V * ions, cells), (V, int(ions), faces), (V, V, faces), (V, V, faces), (V, 12, faces),
+        ]  # fmt: skip
 
     def _mechanics(self, corners: Array, ends: Array) -> None:
         self._add(corners[:, None], corners[None])
         self._add(corners, self._potential(0))
+        if self._balances > 1:
+            self._add(corners, self._potential(1))
         self._add(ends[:, None], ends[None])
 
     def _storage(self, corners: Array) -> None:
         balances = np.arange(self._balances)[:, None]
         self._add(self._potential(balances[..., None]), corners)
         if self._balances > 1:
-            self._add(corners, self._potential(1))
             self._add(self._potential(balances), self._potential(1))
 
     def _fluxes(self) -> None:

@@ -90,7 +90,7 @@ def diamonds(grid: BlockGrid, permeable_edges: Collection[str]) -> Diamonds:
         mean=(sparse.diags_array(np.where(outside, 0.0, 0.5)) @ (pick_first + pick_second)).tocsr(),
         outflow=(pick_first - pick_second).T.tocsr(),
         points=points,
-        reference_volumes=diamond_metric(grid.section, local)[0],
+        reference_volumes=np.ascontiguousarray(diamond_metric(grid.section, *local)[0]),
     )
 
 

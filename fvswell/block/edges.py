@@ -4,16 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy import sparse
 
 from fvswell.block.grid import BlockGrid
 from fvswell.block.sides import EDGE_AXIS, EDGES
 from fvswell.physics.tissue import Array
 
-__all__ = ["DegreesOfFreedom", "EdgeCondition", "check_edges", "degrees_of_freedom", "drive_names"]
+__all__ = [
+    "DegreesOfFreedom",
+    "EdgeCondition",
+    "EdgeLoads",
+    "check_edges",
+    "degrees_of_freedom",
+    "drive_names",
+    "edge_loads",
+]
 
 _NEIGHBOURS = {edge: tuple(other for other in EDGES if EDGE_AXIS[other] != EDGE_AXIS[edge]) for edge in EDGES}
 
@@ -41,12 +48,13 @@ class DegreesOfFreedom:
         """Displacements of the vertices ``(2, vertices)`` from the unknowns."""
         return np.append(values, 0.0)[self.of_vertex]
 
-    def gather(self, vertices: Array) -> sparse.csr_array:
-        """Sum of vectors ``(2, *vertices.shape)`` at vertices into the unknowns that move them."""
-        rows = self.of_vertex[:, vertices].ravel()
-        moving = np.flatnonzero(rows >= 0)
-        entries = (np.ones(len(moving)), (rows[moving], moving))
-        return sparse.csr_array(entries, shape=(self.number, rows.size))
+
+class EdgeLoads(NamedTuple):
+    """What acts on the edges, in the order of EDGES: pressure, force, and prescribed displacement (nan: none)."""
+
+    pressure: Array
+    force: Array
+    displacement: Array
 
 
 def drive_names(edges: Mapping[str, EdgeCondition]) -> tuple[str, ...]:
@@ -63,6 +71,26 @@ def drive_names(edges: Mapping[str, EdgeCondition]) -> tuple[str, ...]:
         if edges[edge].displacement == "tied":
             names += [f"{edge}.force", f"{edge}.displacement"]
     return tuple(names)
+
+
+def edge_loads(names: tuple[str, ...], values: Array) -> EdgeLoads:
+    """Loads of the edges from the values of the driven quantities, ``(names,)``; nan for those not prescribed.
+
+    Raises
+    ------
+    ValueError
+        If an edge is driven in two ways at once.
+    """
+    given = dict(zip(names, values, strict=True))
+
+    def of(kind: str) -> Array:
+        return np.array([given.get(f"{edge}.{kind}", np.nan) for edge in EDGES], dtype=float)
+
+    kinds = EdgeLoads(of("pressure"), of("force"), of("displacement"))
+    for edge, count in zip(EDGES, (~np.isnan(kinds)).sum(axis=0), strict=True):
+        if count > 1:
+            raise ValueError(f"the {edge} edge is driven in more than one way: give pressure, force or displacement")
+    return kinds._replace(pressure=np.nan_to_num(kinds.pressure), force=np.nan_to_num(kinds.force))
 
 
 def check_edges(rings: bool, edges: Mapping[str, EdgeCondition]) -> list[str]:

@@ -1,137 +1,125 @@
-"""A block at rest in a bath without load: what a run starts from.
+"""A block in equilibrium with a bath, without load: what a run starts from.
 
-At rest the virtual bath in every cell is the real one, so the potentials are known and the momentum balance remains.
-It is solved from the stress-free solid, if need be through blocks that swell less: both osmotic coefficients times
+In equilibrium the virtual bath in every cell is the real one, so the potentials are known and the momentum balance
+remains. It is solved from the stress-free solid, if need be through blocks that swell less: all osmotic pressures times
 a share that grows to 1.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-
 import numpy as np
 
-from fvswell.block.block import Block, BlockState
-from fvswell.block.edges import drive_names
-from fvswell.block.newton import NewtonResult, newton
-from fvswell.block.system import BlockSystem, edge_loads, loads_found
-from fvswell.block.transport import BlockInterval, BlockTransportTerm
+from fvswell.block.block import Block, BlockState, Interval
+from fvswell.block.body import BlockBody
+from fvswell.block.edges import EdgeLoads, drive_names, edge_loads
+from fvswell.block.make_block import unknown_places
+from fvswell.numerics.body import complete_loads
 from fvswell.numerics.sparse_lu import DirectSolver
-from fvswell.numerics.time_stepping import State
-from fvswell.physics.models import Mixture
+from fvswell.numerics.state import State, start_state
+from fvswell.physics.osmotic import ion_concentrations
 from fvswell.physics.permeability import open_circuit_ratio
-from fvswell.physics.tissue import Array
+from fvswell.physics.tissue import Array, fixed_charge_density
 
-__all__ = ["NoEquilibrium", "equilibrated_state", "initial_open_circuit_ratio", "with_open_circuit_ratio"]
+__all__ = ["NoEquilibrium", "equilibrated_body", "initial_open_circuit_ratio", "start_of"]
 
 _SMALLEST_INCREMENT = 1e-3
+_MAX_ITERATIONS = 25
+_MAX_HALVINGS = 12
+_CONVERGED = 1e-13  # relative residual
+_ROUNDING = 1e-12  # relative change that is rounding
 
 
 class NoEquilibrium(ValueError):
-    """No state at rest was found."""
+    """No equilibrium was found."""
 
 
-def equilibrated_state(system: BlockSystem, bath_concentration: float) -> State:
-    """State of a block at rest in a bath, no edge loaded; what a `time_stepping.Marcher` starts from.
-
-    Parameters
-    ----------
-    system
-        Of the block.
-    bath_concentration
-        In mmol/mm3.
+def equilibrated_body(block: Block) -> tuple[BlockBody, State]:
+    """The block as it starts: in equilibrium with its bath, no edge loaded.
 
     Raises
     ------
     NoEquilibrium
         If the solid does not balance the osmotic pressure in any state that continuation finds.
     """
-    block = system.block
-    result = _swollen(block, bath_concentration)
-    loads = loads_found(block, result.unknowns, result.state, edge_loads({}), bath_concentration)
-    faces = block.grid.face_cells.shape[1]
-    return State(
-        unknowns=result.unknowns[None, None],
-        loads={name: loads[name] for name in drive_names(block.edges)},
-        contents=result.state.balance.contents,
-        fluxes=np.zeros((len(block.balances), 1, faces)),
-        phase=np.zeros(1, dtype=int),
-        time=np.zeros(1),
-        elapsed=np.zeros(1),
-    )
+    return start_of(block, _swollen(block))
 
 
-def initial_open_circuit_ratio(block: Block, unknowns: Array, bath_concentration: float) -> Array:
-    """k_open/k at all faces of the grid in a state ``(unknowns,)`` at rest, ``(1, faces)``; 1 where nothing crosses."""
-    term = block.term
-    positions = block.positions(unknowns)
-    faces = term.face_state(block.potentials(unknowns), positions, bath_concentration)
-    ratio = np.ones((1, block.grid.face_cells.shape[1]))
-    ratio[:, term.diamonds.faces] = open_circuit_ratio(term.faces.tissue, *faces.local)
-    return ratio
+def start_of(block: Block, unknowns: Array) -> tuple[BlockBody, State]:
+    """Body and state of a block in equilibrium, from its unknowns there."""
+    body = BlockBody(block, 1.0)
+    body.initial_height = float(body.mean_height(block.positions(unknowns)))
+    names = drive_names(block.edges)
+    loads = np.full(len(names), np.nan)
+    loads[0] = block.concentration
+    interval = Interval(np.zeros((len(block.balances), block.grid.cells)), 0.0, block.concentration, _unloaded(block))
+    contents = block.evaluate(unknowns, interval).transport.contents
+    complete_loads(body, unknowns, contents, loads)
+    return body, start_state(unknowns, contents, loads, parts=len(block.permeable_faces))
 
 
-def with_open_circuit_ratio(block: Block, ratio: Array) -> Block:
-    """The block with k_open/k held constant at the faces, ``(1, faces)`` or ``(1, 1)``."""
-    term = block.term
-    own = ratio[:, term.diamonds.faces] if ratio.shape[1] > 1 else ratio
-    return _with_mixtures(block, term.cells, replace(term.faces, open_circuit_ratio=own))
+def initial_open_circuit_ratio(block: Block, unknowns: Array) -> Array:
+    """k_open/k at the crossed faces ``(crossed,)`` of a block in equilibrium with its bath."""
+    transport = block.transport(block.positions(unknowns), block.potentials(unknowns), block.concentration)
+    J, tissue = transport.face_ratio, block.faces
+    ions = ion_concentrations(tissue.osmotic, fixed_charge_density(tissue, J), transport.face_activity)
+    return np.broadcast_to(open_circuit_ratio(tissue, J, *ions), J.shape)
 
 
-def _with_mixtures(block: Block, cells: Mixture, faces: Mixture) -> Block:
-    return replace(block, term=BlockTransportTerm(block.grid, block.term.diamonds, cells, faces))
+def _unloaded(block: Block) -> EdgeLoads:
+    names = drive_names(block.edges)
+    return edge_loads(names, np.full(len(names), np.nan))
 
 
-def _swollen(block: Block, bath_concentration: float) -> NewtonResult:
+def _swollen(block: Block) -> Array:
+    """Unknowns in equilibrium."""
     share, increment, unknowns = 0.0, 1.0, np.zeros(block.pattern.size)
     while increment > _SMALLEST_INCREMENT:
         trial = min(share + increment, 1.0)
-        result = _balance_forces(_sharing(block, trial), unknowns, bath_concentration)
-        if not result.converged:
+        found = _balanced(block.with_osmotic_share(trial), unknowns)
+        if found is None:
             increment *= 0.25
         elif trial == 1.0:
-            return result
+            return found
         else:
-            share, unknowns, increment = trial, result.unknowns, 2.0 * increment
+            share, unknowns, increment = trial, found, 2.0 * increment
     raise NoEquilibrium(
-        f"no state at rest was found in the bath of {bath_concentration:g} mmol/mm3: with {share:.1%} of the osmotic "
+        f"no equilibrium was found in the bath of {block.concentration:g} mmol/mm3: with {share:.1%} of the osmotic "
         "pressures the block still is in balance, with more not"
     )
 
 
-def _sharing(block: Block, share: float) -> Block:
-    """The block with both osmotic coefficients reduced."""
-    cells = block.term.cells
-    tissue = replace(cells.tissue, osmotic_coefficient=share * cells.tissue.osmotic_coefficient)
-    cells = replace(cells, tissue=tissue, bath_osmotic_coefficient=share * cells.bath_osmotic_coefficient)
-    return _with_mixtures(block, cells, block.term.faces)
-
-
-def _balance_forces(block: Block, unknowns: Array, bath_concentration: float) -> NewtonResult:
-    """Displacements in balance with the bath's potentials in all cells."""
-    bath = block.term.cells.bath_potentials(np.array([[bath_concentration]]))
+def _balanced(block: Block, unknowns: Array) -> Array | None:
+    """Unknowns with displacements in balance with the bath's potentials in all cells; None if none are found."""
     number, pattern, scale = block.degrees_of_freedom.number, block.pattern, block.momentum_scale
-    start = unknowns.copy()
-    start[number:] = np.broadcast_to(bath, (len(bath), 1, block.grid.cells)).ravel()
-    unloaded = edge_loads({})
-    interval = BlockInterval(np.zeros((len(bath), 1, block.grid.cells)), 0.0, bath_concentration)
-
+    cells, balances = block.grid.cells, len(block.balances)
+    interval = Interval(np.zeros((balances, cells)), 0.0, block.concentration, _unloaded(block))
+    places = unknown_places(block.grid, block.degrees_of_freedom, balances)
     entries = np.flatnonzero((pattern.rows < number) & (pattern.columns < number))
-    solver = DirectSolver(pattern.rows[entries], pattern.columns[entries], block.places[:, :number])
+    solver = DirectSolver(pattern.rows[entries], pattern.columns[entries], places[:, :number])
 
-    def evaluate(at: Array) -> tuple[BlockState, Array]:
-        state = block.evaluate(at, interval, unloaded)
-        return state, state.residual[:number] / scale
+    def look(at: Array) -> tuple[BlockState, float]:
+        with np.errstate(all="ignore"):
+            state = block.evaluate(at, interval)
+            norm = float(np.abs(state.residual[:number] / scale).max(initial=0.0))
+        return state, norm if state.sound.all() and np.isfinite(norm) else np.inf
 
-    def factorise(state: BlockState) -> Callable[[Array], Array]:
-        factors = solver.factorise(block.jacobian(state, interval, unloaded)[entries])
-
-        def step(residual: Array) -> Array:
-            change = np.zeros_like(start)
-            change[:number] = -factors.solve(residual * scale)
-            return change
-
-        return step
-
-    return newton(start, evaluate, factorise, lambda change: float(np.abs(change).max()) / block.length_scale)
+    start = unknowns.copy()
+    start[number:] = np.repeat(block.bath_potentials(block.concentration), cells)
+    state, norm = look(start)
+    for _ in range(_MAX_ITERATIONS):
+        if norm <= _CONVERGED:
+            return state.unknowns
+        if not np.isfinite(norm):
+            return None
+        jacobian = block.jacobian(block.local_derivatives(state, 0.0), interval.loads)
+        change = np.zeros_like(start)
+        change[:number] = -solver.factorise(jacobian[entries]).solve(state.residual[:number])
+        before, fraction, old = norm, 1.0, state.unknowns
+        for _ in range(_MAX_HALVINGS):
+            state, norm = look(old + fraction * change)
+            if norm <= before:
+                break
+            fraction *= 0.5
+        if np.isfinite(norm) and np.abs(change).max() < _ROUNDING * block.length_scale:
+            return state.unknowns
+    return None

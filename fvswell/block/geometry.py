@@ -6,16 +6,17 @@ Everything follows from one function of an edge from a point i to a point j, wit
     share(x_i, x_j)   its derivative by x_i: the part of the edge's area per length that belongs to i
 
 so that a polygon has the volume sum over edges of mean * (y_j - y_i), exact for straight edges, and a pressure on an
-edge with outward normal n has the resultant share * length * n on i. All functions accept complex numbers.
+edge with outward normal n has the resultant share * length * n on i. The functions are of points: coordinates are
+floats, arrays, complex or dual numbers, several points a tuple or the first axis of an array.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from fvswell.compiled import point
 from fvswell.physics.tissue import Array
 
 __all__ = [
@@ -24,99 +25,115 @@ __all__ = [
     "diamond_metric",
     "edge_area_vectors",
     "edge_pressure_forces",
-    "polygon_volume",
-    "polygon_volume_gradient",
+    "quadrilateral_gradient",
+    "quadrilateral_volume",
 ]
 
 
-@dataclass(frozen=True)
-class Section:
-    """What the plane grid is a section of."""
+class Section(NamedTuple):
+    """What the plane grid is a section of: its thickness in z, or the factor of the circles about the axis."""
 
-    name: str
-    mean: Callable[[Array, Array], Array]
-    share: Callable[[Array, Array], Array]
-    thickness: Callable[[Array], Array]  # volume per area of the section
-    rings: bool  # whether there are hoop strains
+    slab: float  # 1 in plane strain, else 0
+    circle: float  # pi of rings, else 0
 
+    @property
+    def rings(self) -> bool:
+        """Whether the grid stands for rings about an axis, with hoop strains."""
+        return self.circle > 0.0
 
-def _plane_mean(x_i: Array, x_j: Array) -> Array:
-    return 0.5 * (x_i + x_j)
-
-
-def _plane_share(x_i: Array, x_j: Array) -> Array:
-    return 0.5 * np.ones_like(x_i)
+    def thickness(self, x: Array) -> Array:
+        """Volume per area of the section."""
+        return self.slab + 2.0 * self.circle * x
 
 
-def _ring_mean(x_i: Array, x_j: Array) -> Array:
-    return np.pi / 3.0 * (x_i * x_i + x_i * x_j + x_j * x_j)
+SECTIONS = {"plane-strain": Section(1.0, 0.0), "axisymmetric": Section(0.0, np.pi)}
 
 
-def _ring_share(x_i: Array, x_j: Array) -> Array:
-    return np.pi / 3.0 * (2.0 * x_i + x_j)
+@point
+def edge_mean(section: Any, x_i: Any, x_j: Any) -> Any:
+    """Mean over an edge of the volume per height between it and x = 0."""
+    return 0.5 * section.slab * (x_i + x_j) + section.circle / 3.0 * (x_i * x_i + x_i * x_j + x_j * x_j)
 
 
-SECTIONS = {
-    "plane-strain": Section("plane-strain", _plane_mean, _plane_share, np.ones_like, rings=False),
-    "axisymmetric": Section("axisymmetric", _ring_mean, _ring_share, lambda x: 2.0 * np.pi * x, rings=True),
-}
+@point
+def edge_share(section: Any, x_i: Any, x_j: Any) -> Any:
+    """Derivative of `edge_mean` by ``x_i``."""
+    return 0.5 * section.slab + section.circle / 3.0 * (2.0 * x_i + x_j)
 
 
-def polygon_volume(section: Section, x: Array, y: Array) -> Array:
-    """Volume of polygons with corners ``(corners, ...)`` in counterclockwise order."""
-    return (section.mean(x, np.roll(x, -1, axis=0)) * (np.roll(y, -1, axis=0) - y)).sum(axis=0)
+@point
+def quadrilateral_volume(section: Any, x: Any, y: Any) -> Any:
+    """Volume of a quadrilateral with corners in counterclockwise order."""
+    return (
+        edge_mean(section, x[0], x[1]) * (y[1] - y[0]) + edge_mean(section, x[1], x[2]) * (y[2] - y[1])
+        + edge_mean(section, x[2], x[3]) * (y[3] - y[2]) + edge_mean(section, x[3], x[0]) * (y[0] - y[3])
+    )  # fmt: skip
 
 
-def polygon_volume_gradient(section: Section, x: Array, y: Array) -> Array:
-    """Derivative of the volume by the coordinates of the corners, ``(2, corners, ...)``."""
-    x_next, x_last = np.roll(x, -1, axis=0), np.roll(x, 1, axis=0)
-    rise, rise_last = np.roll(y, -1, axis=0) - y, y - np.roll(y, 1, axis=0)
-    by_x = section.share(x, x_next) * rise + section.share(x, x_last) * rise_last
-    return np.stack([by_x, section.mean(x_last, x) - section.mean(x, x_next)])
+@point
+def quadrilateral_gradient(section: Any, x: Any, y: Any) -> Any:
+    """Derivatives of the volume by the coordinates of the corners, eight values: all x before all y."""
+    rise_0, rise_1, rise_2, rise_3 = y[1] - y[0], y[2] - y[1], y[3] - y[2], y[0] - y[3]
+    mean_0, mean_1 = edge_mean(section, x[0], x[1]), edge_mean(section, x[1], x[2])
+    mean_2, mean_3 = edge_mean(section, x[2], x[3]), edge_mean(section, x[3], x[0])
+    return (
+        edge_share(section, x[0], x[1]) * rise_0 + edge_share(section, x[0], x[3]) * rise_3,
+        edge_share(section, x[1], x[2]) * rise_1 + edge_share(section, x[1], x[0]) * rise_0,
+        edge_share(section, x[2], x[3]) * rise_2 + edge_share(section, x[2], x[1]) * rise_1,
+        edge_share(section, x[3], x[0]) * rise_3 + edge_share(section, x[3], x[2]) * rise_2,
+        mean_3 - mean_0,
+        mean_0 - mean_1,
+        mean_1 - mean_2,
+        mean_2 - mean_3,
+    )
 
 
-def edge_pressure_forces(section: Section, ends: Array) -> Array:
-    """Forces at the ends of edges under unit pressure from outside; ends and result ``(2, 2 ends, ...)``.
+@point
+def edge_pressure_forces(section: Any, x: Any, y: Any) -> Any:
+    """Forces at the two ends of an edge under unit pressure from outside: both x before both y.
 
     The body lies on the left of the way from the first end to the second.
     """
-    x = ends[0]
-    span = ends[:, 1] - ends[:, 0]
-    share = section.share(x, x[::-1])
-    return np.stack([-share * span[1], share * span[0]])
+    first, second = edge_share(section, x[0], x[1]), edge_share(section, x[1], x[0])
+    run, rise = x[1] - x[0], y[1] - y[0]
+    return -first * rise, -second * rise, first * run, second * run
 
 
-def edge_area_vectors(section: Section, ends: Array) -> Array:
-    """Area times outward normal of edges, ``(2, ...)``."""
-    return -edge_pressure_forces(section, ends).sum(axis=1)
+@point
+def edge_area_vectors(section: Any, x: Any, y: Any) -> Any:
+    """Area times outward normal of an edge with two ends, its two components."""
+    first_x, second_x, first_y, second_y = edge_pressure_forces(section, x, y)
+    return -(first_x + second_x), -(first_y + second_y)
 
 
-def diamond_metric(section: Section, points: Array) -> Array:
+@point
+def diamond_metric(section: Any, x: Any, y: Any) -> Any:
     """Volume of a face's diamond, and how the flux of a gradient through the face follows from differences.
 
     Parameters
     ----------
     section
         Of the grid.
-    points
-        ``(2, 6, ...)``: the points on either side of the face (1, 2), its ends (3, 4), so that the way 1, 3, 2, 4 is
-        counterclockwise, and the points 5, 6 near its ends at which the potential is known by interpolation.
+    x, y
+        Coordinates of six points: those on either side of the face (1, 2), its ends (3, 4), so that the way 1, 3, 2, 4
+        is counterclockwise, and the points 5, 6 near its ends at which the potential is known by interpolation.
 
     Returns
     -------
-    array
-        ``(3, ...)``: the volume of 1, 3, 2, 4, and a, b in
+    tuple
+        The volume of 1, 3, 2, 4, and a, b in
 
             area * normal . grad phi = a (phi_2 - phi_1) + b (phi_6 - phi_5)
 
         which is exact for linear phi.
     """
-    volume = polygon_volume(section, points[0][[0, 2, 1, 3]], points[1][[0, 2, 1, 3]])
-    area = edge_area_vectors(section, points[:, 2:4])
-    across, along = points[:, 1] - points[:, 0], points[:, 5] - points[:, 4]
-    determinant = _cross(across, along)
-    return np.stack([volume, _cross(area, along) / determinant, _cross(across, area) / determinant])
-
-
-def _cross(first: Array, second: Array) -> Array:
-    return first[0] * second[1] - first[1] * second[0]
+    volume = quadrilateral_volume(section, (x[0], x[2], x[1], x[3]), (y[0], y[2], y[1], y[3]))
+    area_x, area_y = edge_area_vectors(section, (x[2], x[3]), (y[2], y[3]))
+    across_x, across_y = x[1] - x[0], y[1] - y[0]
+    along_x, along_y = x[5] - x[4], y[5] - y[4]
+    determinant = across_x * along_y - across_y * along_x
+    return (
+        volume,
+        (area_x * along_y - area_y * along_x) / determinant,
+        (across_x * area_y - across_y * area_x) / determinant,
+    )

@@ -1,36 +1,31 @@
-"""The grid of a block of tissue: quadrilaterals in rows and columns, of any shape, graded toward chosen edges.
+"""The grid of a block of tissue: quadrilaterals in rows and columns, of any shape. It moves with the solid.
 
-FiPy's mesh holds topology and reference geometry; arrays hold what the solver reads. The grid moves with the solid.
+Cells, vertices and faces are numbered as FiPy's Grid2D numbers them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from fipy import Grid2D
-from fipy.meshes.mesh2D import Mesh2D
 
-from fvswell.block.geometry import SECTIONS, Section, polygon_volume
-from fvswell.column.grid import graded_widths
+from fvswell.block.geometry import SECTIONS, Section, quadrilateral_volume
 from fvswell.physics.tissue import Array
 
-__all__ = ["BlockGrid", "block_grid", "graded_nodes", "shaped_block_grid"]
+__all__ = ["BlockGrid", "block_grid", "shaped_block_grid"]
 
 
 @dataclass(frozen=True)
 class BlockGrid:
     """Topology and reference geometry. Cells and vertices are numbered row by row, from the bottom left.
 
-    Corners of a cell are in counterclockwise order. A face has its first cell on the left of the way from its first
-    vertex to its second; the second cell is -1 at the boundary. The integration points are numbered corner by corner:
+    Corners of a cell are in counterclockwise order. Faces along x are numbered first, row by row, then those along y. A
+    face has its first cell, that with the lower number, on the left of the way from its first vertex to its second; the
+    second cell is -1 at the boundary. The integration points are numbered corner by corner:
     that of corner i in cell c has the index ``i * cells + c``.
     """
 
-    mesh: Any  # fipy.meshes.mesh2D.Mesh2D
     section: Section
     shape: tuple[int, int]  # cells in a row, rows
     vertices: Array  # (2, vertices) mm
@@ -57,7 +52,8 @@ class BlockGrid:
     @cached_property
     def volumes(self) -> Array:
         """Reference volumes of the cells, mm3 (per mm of thickness in plane strain: mm2), ``(cells,)``."""
-        return polygon_volume(self.section, *self.vertices[:, self.cell_vertices])
+        volumes: Array = quadrilateral_volume(self.section, *self.vertices[:, self.cell_vertices])
+        return volumes
 
     def lattice(self, of: str) -> Array:
         """Places of the "cells" or "vertices" in the rows and columns, counted in half cells, ``(2, ...)``."""
@@ -68,31 +64,6 @@ class BlockGrid:
     def edge_vertices(self, edge: str) -> Array:
         """Vertices on an edge."""
         return np.unique(self.face_vertices[:, self.edges[edge]])
-
-
-def graded_nodes(length: float, cells: int, grading: float = 1.0, finest: Collection[str] = ()) -> Array:
-    """Node coordinates from 0 to ``length``, cells in geometric progression from the finest.
-
-    Parameters
-    ----------
-    length, cells
-        Length in mm and number of cells.
-    grading
-        Largest cell over smallest.
-    finest
-        Ends at which the smallest cells lie: "start", "end" or both.
-    """
-    if unknown := set(finest) - {"start", "end"}:
-        raise ValueError(f"no such end: {', '.join(sorted(unknown))}; the ends are start and end")
-    if not finest:
-        grading = 1.0
-    if len(set(finest)) == 2:
-        half = graded_widths(0.5 * length, (cells + 1) // 2, grading)
-        widths = np.concatenate([half[: cells // 2], half[::-1]])
-    else:
-        widths = graded_widths(length, cells, grading)[:: -1 if "end" in finest else 1]
-    nodes = np.concatenate([[0.0], np.cumsum(widths)])
-    return length * nodes / nodes[-1]
 
 
 def block_grid(kind: str, x: Array, y: Array) -> BlockGrid:
@@ -121,14 +92,13 @@ def shaped_block_grid(kind: str, vertices: Array) -> BlockGrid:
     cell_vertices = np.stack([corner.ravel() for corner in corners])
     _check_convex(flat[:, cell_vertices])
 
-    pattern = Grid2D(dx=np.ones(columns), dy=np.ones(rows))
-    mesh = Mesh2D(flat, np.asarray(pattern.faceVertexIDs), np.asarray(pattern.cellFaceIDs))
-    face_cells = np.ma.filled(mesh.faceCellIDs, -1)
-    face_vertices = _oriented(np.asarray(mesh.faceVertexIDs), face_cells[0], cell_vertices)
-    side = {"left": number[:, 0], "right": number[:, -1], "bottom": number[0], "top": number[-1]}
-    on_edge = {edge: np.isin(face_vertices, ends).all(axis=0) & (face_cells[1] < 0) for edge, ends in side.items()}
-    edges = {edge: np.flatnonzero(mask) for edge, mask in on_edge.items()}
-    return BlockGrid(mesh, section, (columns, rows), flat, cell_vertices, face_vertices, face_cells, edges)
+    face_vertices, face_cells = _faces(number)
+    below, beside = columns * (rows + 1), np.arange(rows) * (columns + 1)
+    edges = {
+        "left": below + beside, "right": below + columns + beside,
+        "bottom": np.arange(columns), "top": columns * rows + np.arange(columns),
+    }  # fmt: skip
+    return BlockGrid(section, (columns, rows), flat, cell_vertices, face_vertices, face_cells, edges)
 
 
 def _check_convex(corners: Array) -> None:
@@ -139,8 +109,17 @@ def _check_convex(corners: Array) -> None:
         raise ValueError(f"{len(bad)} cells of the grid are inverted or degenerate, the first is cell {bad[0]}")
 
 
-def _oriented(face_vertices: Array, first_cell: Array, cell_vertices: Array) -> Array:
-    """The faces' vertices in the order in which they follow each other around the first cell."""
-    corners = cell_vertices[:, first_cell]
-    forward = ((corners == face_vertices[0]) & (np.roll(corners, -1, axis=0) == face_vertices[1])).any(axis=0)
-    return np.where(forward, face_vertices, face_vertices[::-1])
+def _faces(number: Array) -> tuple[Array, Array]:
+    """Vertices and cells of the faces, ``(2, faces)`` each, from the numbers of the vertices in rows and columns."""
+    rows, columns = number.shape[0] - 1, number.shape[1] - 1
+    cell = np.arange(rows * columns).reshape(rows, columns)
+    below, left = np.full((rows + 1, columns), -1), np.full((rows, columns + 1), -1)
+    above, right = below.copy(), left.copy()
+    below[1:], above[:-1], left[:, 1:], right[:, :-1] = cell, cell, cell, cell
+    cells = np.stack([np.concatenate([a.ravel(), b.ravel()]) for a, b in ((below, left), (above, right))])
+    ends = [
+        np.concatenate([along_x.ravel(), along_y.ravel()])
+        for along_x, along_y in ((number[:, 1:], number[:-1]), (number[:, :-1], number[1:]))
+    ]
+    outside = cells[0] < 0  # the only cell comes first, and the way turns round
+    return np.where(outside, ends[::-1], ends), np.where(outside, cells[::-1], cells)

@@ -1,88 +1,136 @@
-"""Newton's method for a block: damped, and close to the solution with the factors of the last Jacobian."""
+"""Newton's method for a block: damped, and with the factors of one Jacobian for as long as they lead on."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from fvswell.block.block import BlockState
+from fvswell.block.block import Block, BlockState, Interval
+from fvswell.block.linearisation import Linearisation, NewtonStep, measure
+from fvswell.numerics.state import CONVERGED, NO_WATER, NOT_CONVERGED, SINGULAR
 from fvswell.physics.tissue import Array
 
-__all__ = ["NewtonResult", "newton"]
+__all__ = ["Newton", "NewtonResult"]
 
-_MAX_ITERATIONS = 25
+_MAX_ITERATIONS = 50
 _MAX_HALVINGS = 12
-_KEEP = 0.1  # the factors serve on while each step is shorter than this part of the last
-_REMAINING = 1e-13  # change of an unknown still to come, relative to its size: rounding
-_RESIDUAL = 1e-13  # relative: converged without asking how large the update was
-_UNBALANCED = 1e-9  # relative: not accepted above, unless no update can make it better
-_ROUNDING = 1e-12  # change of an unknown, relative to its size, that is rounding already
+_UNBALANCED = 1e-9  # relative: residuals below may grow, by rounding or because a column is scaled differently
+_ROUNDING = 1e-13  # update that is rounding: no balance can be closed better
+_STALLED = 1e-10  # update that is rounding if it does not shrink any more
+_SMALLEST_KNOWN = 1e-9  # update that still says how fast the iteration converges
+_WORTHWHILE = 10  # more iterations than that cost more than a new Jacobian
 
 
-@dataclass(frozen=True)
-class NewtonResult:
+class NewtonResult(NamedTuple):
     """Where the iteration ended."""
 
-    unknowns: Array
-    state: BlockState
-    residual: Array  # relative
-    converged: bool
+    state: BlockState  # before the last step
+    step: NewtonStep | None  # the last step; None where the iteration failed
+    reason: int  # see `fvswell.numerics.state`
     iterations: int
-    norms: tuple[float, ...]  # largest relative residual before and after each iteration
+    update: float  # size of the last step
+    sizes: tuple[float, ...]  # of all steps
+
+    @property
+    def unknowns(self) -> Array:
+        """The solution."""
+        return self.state.unknowns if self.step is None else self.state.unknowns + self.step.change
 
 
-def newton(
-    unknowns: Array,
-    evaluate: Callable[[Array], tuple[BlockState, Array]],
-    factorise: Callable[[BlockState], Callable[[Array], Array]],
-    change: Callable[[Array], float],
-) -> NewtonResult:
-    """Solve residual = 0 by Newton's method, with shorter steps where a full one is not admissible or makes it worse.
+class Newton:
+    """Iterations for stages of one step, which share their factors.
+
+    What an iteration leaves is about  constant * size * (2 distance + size),  with the size of its step and the
+    distance of its start from the state of the linearisation: quadratic where that is its start.
 
     Parameters
     ----------
-    unknowns
-        To start from; admissible.
-    evaluate
-        State and relative residual at some unknowns.
-    factorise
-        Gives, at a state, what turns a relative residual into a step.
-    change
-        Largest relative change that a step makes to the unknowns.
+    block
+        The block.
+    constant
+        Of convergence, as known from before; infinite where it is not.
     """
 
-    def look(at: Array) -> tuple[BlockState, Array, float]:
-        with np.errstate(all="ignore"):  # a trial state may overflow: its norm is then not finite
-            state, residual = evaluate(at)
-        norm = float(np.abs(residual).max(initial=0.0)) if state.sound.all() else np.inf
-        return state, residual, norm if np.isfinite(norm) else np.inf
+    linearise: type[Linearisation] = Linearisation
 
-    state, residual, norm = look(unknowns)
-    if norm == 0.0 or not np.isfinite(norm):
-        return NewtonResult(unknowns, state, residual, norm == 0.0, 0, (norm,))
-    norms, solve, last = [norm], factorise(state), 1.0
-    for iteration in range(1, _MAX_ITERATIONS + 1):
-        full = solve(residual)
-        if not np.isfinite(full).all():
-            break
-        before, start, fraction = norm, unknowns, 1.0
-        for _ in range(_MAX_HALVINGS):
-            unknowns = start + fraction * full
-            state, residual, norm = look(unknowns)
-            if norm <= max(before, _UNBALANCED):
-                break
-            fraction *= 0.5
-        norms.append(norm)
-        size = change(full)
-        shrinking = size / last if fraction == 1.0 else np.inf
-        balanced = norm < _UNBALANCED or (np.isfinite(norm) and size < _ROUNDING)
-        if norm < _RESIDUAL or (balanced and size * min(shrinking, 1.0) < _REMAINING):
-            return NewtonResult(unknowns, state, residual, True, iteration, tuple(norms))
+    def __init__(self, block: Block, constant: float = np.inf) -> None:
+        self.block, self.constant = block, constant
+        self.linearisation: Linearisation | None = None
+        self.factorisations = 0
+
+    def solve(self, unknowns: Array, interval: Interval, tolerance: float) -> NewtonResult:
+        """Solve the balances of an interval.
+
+        Parameters
+        ----------
+        unknowns
+            To start from.
+        interval
+            Of the same duration and with the same kinds of loads as before.
+        tolerance
+            Of what the iteration leaves, in the measure of `linearisation.measure`.
+        """
+        tolerance = max(tolerance, _ROUNDING)
+        state, norm = self._look(unknowns, interval)
         if not np.isfinite(norm):
-            break
-        if not shrinking < _KEEP:
-            solve = factorise(state)
-        last = size
-    return NewtonResult(unknowns, state, residual, False, len(norms), tuple(norms))
+            return NewtonResult(state, None, _reason(state), 0, np.inf, ())
+        sizes: list[float] = []
+        last, reach = np.inf, np.inf
+        for iteration in range(1, _MAX_ITERATIONS + 1):
+            fresh = self.linearisation is None
+            linearisation = self._linearised(state, interval)
+            step = linearisation.step(state, interval)
+            size = measure(self.block, step.contents - state.transport.contents, step.change)
+            sizes.append(size)
+            if not np.isfinite(size):
+                if fresh:
+                    return NewtonResult(state, None, SINGULAR, iteration, size, tuple(sizes))
+                self.linearisation = None
+                continue
+            if reach < np.inf and size > _SMALLEST_KNOWN:
+                self.constant = size / reach
+            distance = linearisation.distance(state)
+            reach = size * (2.0 * distance + size)
+            left = self.constant * reach if np.isfinite(self.constant) else np.inf
+            stalled = size < _STALLED and size > 0.3 * last
+            if size <= tolerance or left <= tolerance or stalled:
+                return NewtonResult(state, step, CONVERGED, iteration, size, tuple(sizes))
+            trial, after = self._look(state.unknowns + step.change, interval)
+            fraction = 1.0
+            if not after <= max(norm, _UNBALANCED) and not fresh:
+                self.linearisation, reach, last = None, np.inf, np.inf
+                continue
+            while not after <= max(norm, _UNBALANCED) and fraction > 0.5**_MAX_HALVINGS:
+                fraction *= 0.5
+                trial, after = self._look(state.unknowns + fraction * step.change, interval)
+            if not np.isfinite(after):
+                return NewtonResult(trial, None, _reason(trial), iteration, size, tuple(sizes))
+            if fraction < 1.0:
+                self.linearisation, reach, size = None, np.inf, np.inf
+            elif _slow(2.0 * self.constant * (distance + size), size, tolerance):
+                self.linearisation = None
+            state, norm, last = trial, after, size
+        return NewtonResult(state, None, NOT_CONVERGED, _MAX_ITERATIONS, last, tuple(sizes))
+
+    def _linearised(self, state: BlockState, interval: Interval) -> Linearisation:
+        if self.linearisation is None:
+            self.linearisation = self.linearise(self.block, state, interval)
+            self.factorisations += 1
+        return self.linearisation
+
+    def _look(self, unknowns: Array, interval: Interval) -> tuple[BlockState, float]:
+        """State at some unknowns, and its largest relative residual; infinite where it is not admissible."""
+        with np.errstate(all="ignore"):  # a trial state may overflow: its norm is then not finite
+            state = self.block.evaluate(unknowns, interval)
+            norm = float(np.abs(state.residual / self.block.residual_scale).max(initial=0.0))
+        return state, norm if state.sound.all() and np.isfinite(norm) else np.inf
+
+
+def _slow(rate: float, size: float, tolerance: float) -> bool:
+    """Whether steps that shrink at this rate with the factors at hand are worth the price of new ones."""
+    return bool(np.isfinite(rate) and rate**_WORTHWHILE * size > tolerance)
+
+
+def _reason(state: BlockState) -> int:
+    return NOT_CONVERGED if state.sound.all() else NO_WATER

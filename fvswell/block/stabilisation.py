@@ -20,12 +20,12 @@ from scipy import sparse
 from fvswell.block.grid import BlockGrid
 from fvswell.physics.tissue import Array
 
-__all__ = ["alternating_storage"]
+__all__ = ["STRENGTH", "alternating_storage"]
 
-_STRENGTH = 0.02
+STRENGTH = 0.02
 
 
-def alternating_storage(grid: BlockGrid, shear_modulus: Array) -> sparse.csr_array:
+def alternating_storage(grid: BlockGrid, shear_modulus: Array, strength: float = STRENGTH) -> sparse.csr_array:
     """Volume stored by each cell per water potential, ``(cells, cells)`` mm3/MPa: symmetric, positive semidefinite.
 
     Parameters
@@ -34,6 +34,8 @@ def alternating_storage(grid: BlockGrid, shear_modulus: Array) -> sparse.csr_arr
         Of the block.
     shear_modulus
         Of the cells, ``(cells,)`` MPa.
+    strength
+        How much is stored; `STRENGTH` keeps the checkerboards out, and more changes the answer for nothing.
     """
     columns, rows = grid.shape
     cell = np.arange(grid.cells).reshape(rows, columns)
@@ -43,5 +45,5 @@ def alternating_storage(grid: BlockGrid, shear_modulus: Array) -> sparse.csr_arr
     alternating = sparse.csr_array(
         (signs, (np.tile(np.arange(vertices), 4), around.ravel())), shape=(vertices, grid.cells)
     )
-    strength = _STRENGTH * grid.volumes[around].mean(axis=0) / shear_modulus[around].mean(axis=0)
-    return (alternating.T @ sparse.diags_array(strength) @ alternating).tocsr()
+    weights = strength * grid.volumes[around].mean(axis=0) / shear_modulus[around].mean(axis=0)
+    return (alternating.T @ sparse.diags_array(weights) @ alternating).tocsr()

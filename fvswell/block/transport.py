@@ -1,208 +1,264 @@
-"""The transport balances in the cells of a block as one coupled FiPy Term with exact derivatives.
+"""Contents of the cells of a block and fluxes through its faces, with their slopes: loops that run compiled.
 
 The balance of each quantity over an interval reads, for a cell of reference volume V,
 
-    V (content - base) + dt (sum over faces of the flux outward) = 0
+    V (content - base) + duration (sum over faces of the flux outward) = 0
 
 with ``base`` the content the interval starts from, per reference volume, and fluxes in total per face. A flux depends
-on the state at the face (volume ratio of its diamond, mean ln c~) and on the normal gradients of the potentials,
-linear in their differences across and along the face. Potentials are stacked as ``(balances, 1, cells)``.
+on the state at the face (volume ratio of its diamond, mean ln a~) and on the normal gradients of the potentials, linear
+in their differences across and along the face.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import sparse
 
 from fvswell.block.diamonds import Diamonds
-from fvswell.block.geometry import diamond_metric, polygon_volume
-from fvswell.block.grid import BlockGrid
-from fvswell.numerics.newton_term import NewtonSystem, NewtonTerm
-from fvswell.physics.differentiation import local_derivative
-from fvswell.physics.models import Mixture, PointState
-from fvswell.physics.tissue import Array
+from fvswell.block.geometry import diamond_metric, quadrilateral_gradient, quadrilateral_volume
+from fvswell.compiled import kernel, point
+from fvswell.compiled.dual import slope_of, variables
 
-__all__ = ["BlockBalance", "BlockInterval", "BlockTransportTerm", "FaceState", "TransportDerivatives", "at_points"]
+__all__ = ["Transport", "TransportSlopes", "TransportTables", "find_transport", "find_transport_slopes", "flux_change"]
 
 
-class BlockInterval(NamedTuple):
-    """The time a balance is drawn up over: contents it starts from, length in s, and the bath at its end."""
+class TransportTables(NamedTuple):
+    """What does not change: topology, properties, and constant maps, each as the three arrays of a CSR matrix."""
 
-    base: Array  # (balances, 1, cells)
-    duration: float
-    bath_concentration: float  # mmol/mm3
-
-
-class FaceState(NamedTuple):
-    """What the fluxes through the crossed faces depend on; gradients are multiplied by the areas of the faces."""
-
-    local: PointState  # J of the diamonds and concentrations at mean ln c~, (1, crossed)
-    gradients: Array  # (balances, 1, crossed): by_across * across + by_along * along
-    across: Array  # (balances, crossed): differences of the potentials across the faces
-    along: Array  # and along them
-    by_across: Array  # (crossed,), see geometry.diamond_metric
-    by_along: Array
+    cell_vertices: Any  # (4, cells)
+    volumes: Any  # (cells,) reference
+    cell_parameters: Any  # (parameters, cells)
+    storage: Any  # from water potentials to volumes stored, see `fvswell.block.stabilisation`
+    face_cells: Any  # (2, crossed), see `fvswell.block.diamonds` from here on
+    face_parameters: Any  # (parameters + 1, crossed)
+    along: Any
+    points: Any
+    reference_volumes: Any  # (crossed,)
 
 
-class BlockBalance(NamedTuple):
-    """Residual of the balances and what it is made of."""
+class Transport(NamedTuple):
+    """State of the cells and of the crossed faces, set by `find_transport`."""
 
-    residual: Array  # (balances, 1, cells)
-    contents: Array  # (balances, 1, cells), per reference volume
-    fluxes: Array  # (balances, 1, crossed), in total per face
-    cells: PointState  # (1, cells)
-    faces: FaceState
-
-
-class TransportDerivatives(NamedTuple):
-    """Derivatives of the fluxes and contents by what they depend on locally, axis 0 being the balance."""
-
-    across: Array  # (balances, potentials, crossed): fluxes by differences of potentials across the faces
-    along: Array  # (balances, potentials, crossed): and along them
-    log_concentration: Array  # (balances, 0 or 1, crossed): fluxes by mean ln c~ where ions are transported
-    points: Array  # (balances, 12, crossed): fluxes by the points of the diamonds, all x before all y
-    contents: Array  # (balances, 1 or 2, cells): contents by J and, where ions are transported, ln c~
-
-
-def at_points(mixture: Mixture, index: Array) -> Mixture:
-    """The mixture at a subset of its points."""
-    ratio = mixture.open_circuit_ratio
-    if ratio is not None and ratio.shape[1] > 1:
-        ratio = ratio[:, index]
-    return replace(mixture, tissue=mixture.tissue.points(index), open_circuit_ratio=ratio)
+    volume_ratio: Any  # (cells,)
+    log_activity: Any  # (cells,)
+    osmotic: Any  # (3, cells): pressure, and its slopes by J and ln a~
+    salt: Any  # (3, cells): content of anions, and its slopes
+    contents: Any  # (balances, cells), per reference volume
+    face_ratio: Any  # (crossed,): J of the diamonds
+    face_activity: Any  # (crossed,)
+    metric: Any  # (3, crossed), see `geometry.diamond_metric`
+    across: Any  # (balances, crossed): differences of the potentials across the faces
+    along: Any  # and along them
+    gradients: Any  # (balances, crossed), times the areas of the faces
+    fluxes: Any  # (balances, crossed), in total per face
+    slopes: Any  # (balances, 2 + balances, crossed): by J, ln a~ and the gradients
+    outflow: Any  # (balances, cells)
 
 
-class BlockTransportTerm(NewtonTerm):
-    """The coupled balances of a block.
+class TransportSlopes(NamedTuple):
+    """Derivatives of the balances by what they depend on locally, those of the fluxes times the duration."""
 
-    The solver calls `balance` and `derivatives`. With a variable, positions of the vertices and an interval set
-    (`bind`), the term is also an ordinary FiPy Term for the potentials on the grid as it stands.
+    contents_by_corner: Any  # (balances, 8, cells): contents times volume, by positions of the corners
+    contents_by_activity: Any  # (balances, cells)
+    by_activity: Any  # (balances, 1, crossed)
+    across: Any  # (balances, balances, crossed)
+    along: Any  # (balances, balances, crossed)
+    points: Any  # (balances, 12, crossed): by the points of the diamonds, all x before all y
+
+
+def transport_room(balances: int, cells: int, crossed: int) -> Transport:
+    """Arrays for `find_transport`."""
+    cell, face = (cells,), (crossed,)
+    shapes: list[tuple[int, ...]] = [cell, cell, (3, cells), (3, cells), (balances, cells), face, face, (3, crossed)]
+    shapes += [(balances, crossed)] * 4 + [(balances, 2 + balances, crossed), (balances, cells)]
+    return Transport(*(np.zeros(shape) for shape in shapes))
+
+
+def csr_arrays(matrix: Any) -> tuple[Any, Any, Any]:
+    """Arrays of a sparse matrix as kernels take them."""
+    return matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64), matrix.data.astype(float)
+
+
+@point
+def row_product(matrix: Any, row: Any, vector: Any) -> Any:
+    """A row of a sparse matrix times a vector."""
+    begin, columns, values = matrix
+    total = 0.0
+    for entry in range(begin[row], begin[row + 1]):
+        total += values[entry] * vector[columns[entry]]
+    return total
+
+
+@point
+def _diamond_points(tables: Any, component: Any, f: Any) -> Any:
+    """One coordinate of the six points of a diamond."""
+    n = tables.face_cells.shape[1]
+    return (
+        row_product(tables.points, f, component), row_product(tables.points, n + f, component),
+        row_product(tables.points, 2 * n + f, component), row_product(tables.points, 3 * n + f, component),
+        row_product(tables.points, 4 * n + f, component), row_product(tables.points, 5 * n + f, component),
+    )  # fmt: skip
+
+
+@kernel
+def find_transport(
+    section: Any,
+    cell_law: Any,
+    face_law: Any,
+    tables: Any,
+    positions: Any,
+    potentials: Any,
+    outside_across: Any,
+    outside_along: Any,
+    log_bath: Any,
+    result: Any,
+) -> Any:
+    """Contents and fluxes.
 
     Parameters
     ----------
-    grid, diamonds
-        The grid and the diamonds of the faces that water crosses.
-    cells, faces
-        The mixture at the cells and at the crossed faces, with one row.
+    section
+        Of the grid.
+    cell_law, face_law
+        Of `fvswell.block.laws`.
+    tables
+        `TransportTables`.
+    positions
+        Of the vertices, (2, vertices) mm.
+    potentials
+        Of the cells, (balances, cells).
+    outside_across, outside_along
+        (balances, crossed): what the bath adds to the differences of the potentials across and along the faces.
+    log_bath
+        ln a~ of the bath, for models in which it is that of the cells as well.
+    result
+        `Transport`, set.
     """
-
-    def __init__(
-        self, grid: BlockGrid, diamonds: Diamonds, cells: Mixture, faces: Mixture,
-        var: Any = None, positions: Array | None = None, interval: BlockInterval | None = None,
-    ) -> None:  # fmt: skip
-        super().__init__(coeff=1.0, var=var)
-        self.grid, self.diamonds, self.cells, self.faces = grid, diamonds, cells, faces
-        self.positions, self.interval = positions, interval
-
-    def bind(self, var: Any, positions: Array, interval: BlockInterval) -> BlockTransportTerm:
-        """The same balances as a FiPy Term in a `fipy.CellVariable` (a vector if there are several potentials)."""
-        return BlockTransportTerm(self.grid, self.diamonds, self.cells, self.faces, var, positions, interval)
-
-    def log_concentration(self, potentials: Array, bath_concentration: float) -> Array:
-        """Logarithm of c~ in the cells, ``(1, cells)``: an unknown where ions are transported, else the bath's."""
-        if self.cells.model.transports_ions:
-            return potentials[1]
-        return np.full(potentials.shape[1:], np.log(bath_concentration))
-
-    def balance(
-        self, potentials: Array, positions: Array, volume_ratio: Array, interval: BlockInterval
-    ) -> BlockBalance:
-        """Residual, contents and fluxes.
-
-        Parameters
-        ----------
-        potentials
-            ``(balances, 1, cells)``.
-        positions
-            Of the vertices, ``(2, vertices)`` mm.
-        volume_ratio
-            J of the cells, ``(1, cells)``.
-        interval
-            See `BlockInterval`.
-        """
-        bath = interval.bath_concentration
-        cells = self.cells.at(volume_ratio, self.log_concentration(potentials, bath))
-        contents = self.cells.contents(cells)
-        faces = self.face_state(potentials, positions, bath)
-        fluxes = self.faces.fluxes(faces.local, faces.gradients)
-        outflow = (self.diamonds.outflow @ fluxes[:, 0].T).T[:, None]
-        residual = self.grid.volumes * (contents - interval.base) + interval.duration * outflow
-        return BlockBalance(residual, contents, fluxes, cells, faces)
-
-    def face_state(self, potentials: Array, positions: Array, bath_concentration: float) -> FaceState:
-        """State at the crossed faces."""
-        maps, bath = self.diamonds, self.bath_potentials(bath_concentration)
-        volume, by_across, by_along = diamond_metric(self.grid.section, maps.local_points(positions))
-        across = (maps.across @ potentials[:, 0].T + maps.across_outside @ bath.T).T
-        along = (maps.along @ potentials[:, 0].T + maps.along_outside @ bath.T).T
-        local = self.faces.at(
-            (volume / maps.reference_volumes)[None],
-            self._face_log_concentration(potentials, bath, bath_concentration),
+    balances, cells = potentials.shape
+    for c in range(cells):
+        v = tables.cell_vertices
+        x = (positions[0, v[0, c]], positions[0, v[1, c]], positions[0, v[2, c]], positions[0, v[3, c]])
+        y = (positions[1, v[0, c]], positions[1, v[1, c]], positions[1, v[2, c]], positions[1, v[3, c]])
+        result.volume_ratio[c] = quadrilateral_volume(section, x, y) / tables.volumes[c]
+        result.log_activity[c] = potentials[1, c] if balances > 1 else log_bath
+    cell_law(tables.cell_parameters, result.volume_ratio, result.log_activity, result.osmotic, result.salt)
+    for c in range(cells):
+        stored = row_product(tables.storage, c, potentials[0])
+        result.contents[0, c] = result.volume_ratio[c] + stored / tables.volumes[c]
+        if balances > 1:
+            result.contents[1, c] = result.salt[0, c]
+            result.contents[2, c] = 0.0
+        for b in range(balances):
+            result.outflow[b, c] = 0.0
+    crossed = tables.face_cells.shape[1]
+    for f in range(crossed):
+        metric = diamond_metric(
+            section, _diamond_points(tables, positions[0], f), _diamond_points(tables, positions[1], f)
         )
-        gradients = (by_across * across + by_along * along)[:, None]
-        return FaceState(local, gradients, across, along, by_across, by_along)
+        for m in range(3):
+            result.metric[m, f] = metric[m]
+        result.face_ratio[f] = metric[0] / tables.reference_volumes[f]
+        first, second = tables.face_cells[0, f], tables.face_cells[1, f]
+        for b in range(balances):
+            across = outside_across[b, f] - potentials[b, first]
+            if second >= 0:
+                across += potentials[b, second]
+            result.across[b, f] = across
+            result.along[b, f] = outside_along[b, f] + row_product(tables.along, f, potentials[b])
+            result.gradients[b, f] = metric[1] * across + metric[2] * result.along[b, f]
+        if balances == 1:
+            result.face_activity[f] = log_bath
+        elif second >= 0:
+            result.face_activity[f] = 0.5 * (potentials[1, first] + potentials[1, second])
+        else:
+            result.face_activity[f] = outside_across[1, f]
+    face_law(
+        tables.face_parameters, result.face_ratio, result.face_activity, result.gradients, result.fluxes, result.slopes
+    )
+    for f in range(crossed):
+        first, second = tables.face_cells[0, f], tables.face_cells[1, f]
+        for b in range(balances):
+            result.outflow[b, first] += result.fluxes[b, f]
+            if second >= 0:
+                result.outflow[b, second] -= result.fluxes[b, f]
 
-    def derivatives(self, positions: Array, balance: BlockBalance) -> TransportDerivatives:
-        """Derivatives of the fluxes and contents, with the vertices at positions and the balance found there."""
-        faces = balance.faces
-        by_state, by_gradient = self.faces.flux_derivatives(faces.local, faces.gradients)
-        by_state, by_gradient = by_state[:, :, 0], by_gradient[:, :, 0]
-        volume, by_across, by_along = self._metric_derivative(positions)
-        by_points = by_state[:, :1] * (volume / self.diamonds.reference_volumes)
-        by_points += np.einsum("egf,gf->ef", by_gradient, faces.across)[:, None] * by_across
-        by_points += np.einsum("egf,gf->ef", by_gradient, faces.along)[:, None] * by_along
-        return TransportDerivatives(
-            by_gradient * faces.by_across,
-            by_gradient * faces.by_along,
-            by_state[:, 1:],
-            by_points,
-            self.cells.content_derivatives(balance.cells)[:, :, 0],
+
+@kernel
+def find_transport_slopes(section: Any, tables: Any, positions: Any, transport: Any, duration: Any, slopes: Any) -> Any:
+    """Set `TransportSlopes` at a state that `find_transport` has found; by position only where there is room for it."""
+    balances, cells = transport.contents.shape
+    crossed = tables.face_cells.shape[1]
+    for c in range(cells):
+        v = tables.cell_vertices
+        x = (positions[0, v[0, c]], positions[0, v[1, c]], positions[0, v[2, c]], positions[0, v[3, c]])
+        y = (positions[1, v[0, c]], positions[1, v[1, c]], positions[1, v[2, c]], positions[1, v[3, c]])
+        gradient = quadrilateral_gradient(section, x, y)
+        for k in range(8):
+            slopes.contents_by_corner[0, k, c] = gradient[k]
+            if balances > 1:
+                slopes.contents_by_corner[1, k, c] = transport.salt[1, c] * gradient[k]
+                slopes.contents_by_corner[2, k, c] = 0.0
+        if balances > 1:
+            slopes.contents_by_activity[0, c] = 0.0
+            slopes.contents_by_activity[1, c] = tables.volumes[c] * transport.salt[2, c]
+            slopes.contents_by_activity[2, c] = 0.0
+    for f in range(crossed):
+        x = _diamond_points(tables, positions[0], f)
+        y = _diamond_points(tables, positions[1], f)
+        p = variables(x[0], x[1], x[2], x[3], x[4], x[5], y[0], y[1], y[2], y[3], y[4], y[5])
+        volume, by_across, by_along = diamond_metric(
+            section, (p[0], p[1], p[2], p[3], p[4], p[5]), (p[6], p[7], p[8], p[9], p[10], p[11])
         )
+        for b in range(balances):
+            if balances > 1:
+                slopes.by_activity[b, 0, f] = duration * transport.slopes[b, 1, f]
+            across, along = 0.0, 0.0
+            for g in range(balances):
+                by_gradient = duration * transport.slopes[b, 2 + g, f]
+                slopes.across[b, g, f] = by_gradient * transport.metric[1, f]
+                slopes.along[b, g, f] = by_gradient * transport.metric[2, f]
+                across += by_gradient * transport.across[g, f]
+                along += by_gradient * transport.along[g, f]
+            by_volume = duration * transport.slopes[b, 0, f] / tables.reference_volumes[f]
+            for k in range(12):
+                slopes.points[b, k, f] = (
+                    by_volume * slope_of(volume, k) + across * slope_of(by_across, k) + along * slope_of(by_along, k)
+                )
 
-    def _metric_derivative(self, positions: Array) -> Array:
-        """Of the metric by the points of the diamonds, ``(3, 12, crossed)``."""
-        points = self.diamonds.local_points(positions)
-        section = self.grid.section
-        return local_derivative(lambda p: diamond_metric(section, p.reshape(2, 6, 12, -1)), points.reshape(12, -1))
 
-    def bath_potentials(self, bath_concentration: float) -> Array:
-        """Potentials of the bath at the vertices, ``(balances, vertices)``."""
-        bath = self.cells.bath_potentials(np.array([[bath_concentration]]))[:, 0]
-        return np.broadcast_to(bath, (len(bath), self.grid.vertices.shape[1]))
+@kernel
+def flux_change(tables: Any, slopes: Any, displacements: Any, potentials: Any, change: Any) -> Any:
+    """Change of what flows through the faces in the duration of the slopes, (balances, crossed), by linearisation.
 
-    def _face_log_concentration(self, potentials: Array, bath: Array, bath_concentration: float) -> Array:
-        if not self.cells.model.transports_ions:
-            return np.full((1, len(self.diamonds.faces)), np.log(bath_concentration))
-        return (self.diamonds.mean @ potentials[1, 0] + self.diamonds.across_outside @ bath[1])[None]
+    ``displacements`` (2, vertices) and ``potentials`` (balances, cells) are those of a Newton step.
+    """
+    balances = potentials.shape[0]
+    for f in range(tables.face_cells.shape[1]):
+        first, second = tables.face_cells[0, f], tables.face_cells[1, f]
+        x = _diamond_points(tables, displacements[0], f)
+        y = _diamond_points(tables, displacements[1], f)
+        for b in range(balances):
+            total = 0.0
+            for k in range(6):
+                total += slopes.points[b, k, f] * x[k] + slopes.points[b, 6 + k, f] * y[k]
+            for g in range(balances):
+                across = -potentials[g, first]
+                if second >= 0:
+                    across += potentials[g, second]
+                along = row_product(tables.along, f, potentials[g])
+                total += slopes.across[b, g, f] * across + slopes.along[b, g, f] * along
+            if balances > 1 and second >= 0:
+                total += slopes.by_activity[b, 0, f] * 0.5 * (potentials[1, first] + potentials[1, second])
+            change[b, f] = total
 
-    def newton_system(self, unknowns: Array) -> NewtonSystem:
-        """Jacobian and residual at the potentials, on the grid as it stands."""
-        if self.interval is None or self.positions is None:
-            raise ValueError("bind the term to a variable, positions and an interval before FiPy builds its matrix")
-        corners = self.positions[:, self.grid.cell_vertices]
-        J = (polygon_volume(self.grid.section, *corners) / self.grid.volumes)[None]
-        balance = self.balance(unknowns, self.positions, J, self.interval)
-        entries = self.potential_jacobian(self.derivatives(self.positions, balance), self.interval.duration)
-        return NewtonSystem(entries.data, entries.row, entries.col, balance.residual)
 
-    def potential_jacobian(self, by: TransportDerivatives, duration: float) -> sparse.coo_array:
-        """Derivative of the balances by the potentials on the grid as it stands."""
-        maps, V = self.diamonds, len(by.across)
-        fluxes = [[self._flux_jacobian(by, e, g) for g in range(V)] for e in range(V)]
-        storage = np.zeros((V, V, self.grid.cells))
-        if V > 1:
-            storage[:, 1] = self.grid.volumes * by.contents[:, 1]
-            for e in range(V):
-                fluxes[e][1] += sparse.diags_array(by.log_concentration[e, 0]) @ maps.mean
-        blocks = [
-            [duration * (maps.outflow @ fluxes[e][g]) + sparse.diags_array(storage[e, g]) for g in range(V)]
-            for e in range(V)
-        ]
-        return sparse.block_array(blocks).tocoo()
-
-    def _flux_jacobian(self, by: TransportDerivatives, balance: int, potential: int) -> sparse.csr_array:
-        across, along = (sparse.diags_array(part[balance, potential]) for part in (by.across, by.along))
-        return (across @ self.diamonds.across + along @ self.diamonds.along).tocsr()
+def transport_tables(
+    cell_vertices: Any, volumes: Any, storage: Any, diamonds: Diamonds, cell_parameters: Any, face_parameters: Any
+) -> TransportTables:
+    """Put the tables together."""
+    return TransportTables(
+        np.ascontiguousarray(cell_vertices, dtype=np.int64), volumes, cell_parameters, csr_arrays(storage),
+        np.ascontiguousarray(diamonds.cells, dtype=np.int64), face_parameters, csr_arrays(diamonds.along),
+        csr_arrays(diamonds.points), diamonds.reference_volumes,
+    )  # fmt: skip
