@@ -1,8 +1,8 @@
 """Quantities as people write them ("0.5 MPa", "25 degC") turned into numbers in the internal units.
 
 Inside the package everything is in mm, N, s, mmol, K and C, so stress is in MPa and electric potential in mV.
-One equivalent is one mole of charge. pint is imported when the first text with a unit is met: importing this
-module costs nothing.
+One equivalent is one mole of charge. Common units are in a table (`fvswell.common_units`); pint is imported when
+another one is met.
 """
 
 from __future__ import annotations
@@ -15,7 +15,18 @@ from functools import cache
 from numbers import Real
 from typing import Any
 
-__all__ = ["DIMENSIONS", "NUMBER", "PLAIN_NUMBER", "Dimension", "QuantityError", "number_or_text", "parse"]
+from fvswell.common_units import BASE_DIMENSIONS, Unit, common_unit
+
+__all__ = [
+    "DIMENSIONS",
+    "NUMBER",
+    "PLAIN_NUMBER",
+    "Dimension",
+    "QuantityError",
+    "number_or_text",
+    "parse",
+    "uncommon_unit",
+]
 
 PLAIN_NUMBER = "plain number"
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
@@ -99,14 +110,14 @@ def _from_text(text: str, dimension_name: str) -> float:
     if not unit_text and dimension_name != PLAIN_NUMBER:
         raise QuantityError(f"has no unit: must be {_expected(dimension_name)}")
     unit, internal = _unit(unit_text), _unit(DIMENSIONS[dimension_name].unit)
-    if unit is None:
+    if unit is None or internal is None:
         raise QuantityError(f'has no unit known as "{unit_text}": must be {_expected(dimension_name)}')
-    if unit.dimensionality != internal.dimensionality:
+    if unit.exponents != internal.exponents:
         raise QuantityError(f"{_given(unit)}: must be {_expected(dimension_name)}")
     # A text far below the smallest double is zero; its exact fraction could fill the memory.
     exact = Fraction(number) if float(number) else Fraction(0)
     try:
-        return float(_registry().Quantity(exact, unit).to(internal).magnitude)
+        return float((exact * unit.factor + unit.offset - internal.offset) / internal.factor)
     except OverflowError:
         return math.inf
 
@@ -118,11 +129,40 @@ def _expected(dimension_name: str) -> str:
     return f"of dimension {dimension_name}, such as {dimension.example}, or a number in {dimension.unit}"
 
 
-def _given(unit: Any) -> str:
+def _given(unit: Unit) -> str:
     for name, dimension in DIMENSIONS.items():
-        if _unit(dimension.unit).dimensionality == unit.dimensionality:
+        internal = _unit(dimension.unit)
+        if internal is not None and internal.exponents == unit.exponents:
             return f"is of dimension {name}"
     return "is of another dimension"
+
+
+@cache
+def _unit(text: str) -> Unit | None:
+    """The unit that a text stands for, None where there is none."""
+    if not _UNIT_TEXT.fullmatch(text):
+        return None
+    text = _with_explicit_operators(text)
+    return common_unit(text) or uncommon_unit(text)
+
+
+def _with_explicit_operators(text: str) -> str:
+    """Rewrite the way papers print units, as in mm4/Ns."""
+    return re.sub(r"\bNs\b", "(N s)", re.sub(r"(?<=[A-Za-z])(?=\d)", "^", text))
+
+
+def uncommon_unit(text: str) -> Unit | None:
+    """What pint makes of a text."""
+    registry = _registry()
+    try:
+        zero, one, two = (registry.Quantity(Fraction(n), text).to_base_units() for n in (0, 1, 2))
+        exponents = tuple(Fraction(one.dimensionality.get(f"[{name}]", 0)) for name in BASE_DIMENSIONS)
+        offset, factor = zero.magnitude, one.magnitude - zero.magnitude
+        if two.magnitude - one.magnitude != factor or len(one.dimensionality) != sum(map(bool, exponents)):
+            return None
+        return Unit(Fraction(factor), exponents, Fraction(offset))
+    except Exception:  # pint hands the text to Python's tokenizer and operators, which raise all kinds of errors
+        return None
 
 
 @cache
@@ -132,21 +172,4 @@ def _registry() -> Any:
     registry: Any = pint.UnitRegistry(non_int_type=Fraction)
     registry.define("equivalent = mole = eq")
     registry.define("@alias equivalent = Eq")
-    registry.preprocessors.append(_with_explicit_operators)
     return registry
-
-
-def _with_explicit_operators(text: str) -> str:
-    """Rewrite the way papers print units, as in mm4/Ns, so that pint reads it."""
-    return re.sub(r"\bNs\b", "(N s)", re.sub(r"(?<=[A-Za-z])(?=\d)", "^", text))
-
-
-@cache
-def _unit(text: str) -> Any:
-    """The pint unit of a text, None where there is none."""
-    if not _UNIT_TEXT.fullmatch(text):
-        return None
-    try:
-        return _registry().parse_units(text)
-    except Exception:  # pint hands the text to Python's tokenizer and operators, which raise all kinds of errors
-        return None

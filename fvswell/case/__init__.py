@@ -1,1 +1,1 @@
-"""Case files: what can be said, reading and checking it, and the errors told."""
+"""Case files: what they may say, how they are read and checked, and what is reported of wrong ones."""

@@ -14,17 +14,15 @@ from typing import Any
 import tomli_w
 from pydantic import PrivateAttr
 
-from fvswell.case.block_checks import check_block_case
-from fvswell.case.block_schema import BlockGeometry, BlockPhase
-from fvswell.case.changes import changed_content
+from fvswell.case.changes import changed_content, with_numbers
 from fvswell.case.checks import check_case
-from fvswell.case.errors import CaseError, Problem, nearest_name, shown
-from fvswell.case.reading import read_tables
-from fvswell.case.schema import BLOCK_GEOMETRIES, GEOMETRIES, MODELS, CaseTable
+from fvswell.case.errors import CaseError, Problem, shown
+from fvswell.case.reading import problems_of, read_tables
+from fvswell.case.schema import MODELS, CaseTable
 from fvswell.case.toml_file import file_text, toml_content
 from fvswell.physics.tissue import Array, Tissue
 
-__all__ = ["MODELS", "BlockCase", "Case", "CaseError", "load_case", "parse_setting", "starter_text"]
+__all__ = ["MODELS", "Case", "CaseError", "load_case", "parse_setting", "starter_text"]
 
 _HEADER = "# Plain numbers are in mm, N, s, mmol, K: MPa, mmol/mm^3, mm^4/(N s), mm^2/s.\n"
 
@@ -58,13 +56,7 @@ class Case(CaseTable):
 
     @classmethod
     def _from_content(cls, content: Mapping[str, Any], source: str) -> Case:
-        geometry = content.get("geometry")
-        kind = geometry.get("kind") if isinstance(geometry, Mapping) else None
-        case: Case
-        if nearest_name(kind, GEOMETRIES) in BLOCK_GEOMETRIES:
-            case = read_tables(BlockCase, content, source, check_block_case)
-        else:
-            case = read_tables(Case, content, source, check_case)
+        case = read_tables(cls, content, source, check_case)
         case._source = source
         return case
 
@@ -73,20 +65,21 @@ class Case(CaseTable):
         """Where the case was read from."""
         return self._source
 
-    def tissue_at(self, depth: Array) -> Tissue:
-        """Tissue at depths.
+    def tissue_at(self, points: Array) -> Tissue:
+        """Tissue at points.
 
         Parameters
         ----------
-        depth
-            Distances from the filter in the stress-free solid, mm, shape (points,).
+        points
+            Of the stress-free solid, mm: of a column distances from the filter, shape (points,); of a block positions
+            along x and y, shape (2, points).
 
         Returns
         -------
         Tissue
-            Arrays of shape (1, 1) for homogeneous properties and (1, points) for varying ones.
+            Numbers for homogeneous properties and arrays of shape (points,) for varying ones.
         """
-        return self.tissue.at({"depth": depth}, self.bath)
+        return self.tissue.at(self.geometry.coordinates(points), self.bath)
 
     def with_changes(self, changes: Mapping[str, Any]) -> Case:
         """Checked copy with some values changed.
@@ -97,15 +90,41 @@ class Case(CaseTable):
             New values by dotted key, set in this order, such as
             ``{"tissue.hindrance_factor": 0.0, "model": "biphasic"}``. A phase goes by its name or its number
             from 0: ``"phase.loading.piston_pressure"``, ``"phase.0.duration"``. None takes a key away. A key
-            that excludes another one takes its place.
+            that excludes another one takes its place. Output that is written as ``time.scheme`` has it by default
+            still is if that is changed.
 
         Raises
         ------
         CaseError
             If a key is unknown or the changed case has any problem.
         """
-        content = changed_content(type(self), self._content, changes, self.source)
+        content: Mapping[str, Any] = self._content
+        if content["output"] == self.time.default_output:
+            content = {key: value for key, value in content.items() if key != "output"}
+        content = changed_content(type(self), content, changes, self.source)
         return self._from_content(content, self.source)
+
+    def with_numbers(self, changes: Mapping[str, float], checked: bool = False) -> Case:
+        """As `with_changes`, and faster, for numbers that are valid each by itself.
+
+        Parameters
+        ----------
+        changes
+            New numbers in internal units by dotted key.
+        checked
+            Whether it is known that they are valid together.
+
+        Raises
+        ------
+        CaseError
+            If the changed case has any problem.
+        """
+        case = with_numbers(self, changes)
+        if case is None:
+            return self.with_changes(changes)
+        if not checked and (findings := list(check_case(case))):
+            raise CaseError(problems_of(type(self), case._content, findings), self.source)
+        return case
 
     def to_toml(self) -> str:
         """The resolved case in internal units, complete: ``Case.from_toml`` gives the same case back."""
@@ -125,30 +144,6 @@ class Case(CaseTable):
 
     def __hash__(self) -> int:
         return hash(self.sha256)
-
-
-class BlockCase(Case):
-    """A simulation of a block, in plane strain or axisymmetry."""
-
-    geometry: BlockGeometry  # type: ignore[assignment]
-    phase: tuple[BlockPhase, ...]  # type: ignore[assignment]
-
-    def tissue_at_points(self, points: Array) -> Tissue:
-        """Tissue at points ``(2, points)`` of the stress-free solid, mm; arrays (1, 1) or (1, points)."""
-        return self.tissue.at({"x": points[0], "y": points[1]}, self.bath)
-
-    def grid_nodes(self) -> tuple[Array, Array]:
-        """Coordinates of the grid's nodes along x and along y, mm."""
-        from fvswell.block.grid import graded_nodes  # takes FiPy along, which columns need not wait for
-
-        geometry = self.geometry
-        ends = {"left": "start", "right": "end", "bottom": "start", "top": "end"}
-        sides = (("left", "right"), ("bottom", "top"))
-        x, y = (
-            graded_nodes(length, cells, geometry.grading, [ends[edge] for edge in edges if edge in geometry.finest_at])
-            for length, cells, edges in zip((geometry.width, geometry.height), geometry.cells, sides, strict=True)
-        )
-        return x, y
 
 
 def load_case(path: str | PathLike[str]) -> Case:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 from fvswell.case.errors import CaseError, Problem, nearest_name, shown
-from fvswell.case.schema import Table, inner_tables, variant
+from fvswell.case.tables import Table, inner_tables
 
-__all__ = ["changed_content"]
+__all__ = ["changed_content", "with_numbers"]
+
+_Root = TypeVar("_Root", bound=Table)
+_DERIVED = ("_content", "sha256")  # what a case has worked out, and keeps
 
 
 def changed_content(
@@ -43,6 +46,37 @@ def changed_content(
     return content
 
 
+def with_numbers(table: _Root, changes: Mapping[str, float]) -> _Root | None:
+    """Copy of a table with some single numbers in place of others, by dotted key; None if it takes more than that."""
+    for key, value in changes.items():
+        changed = _with_number(table, key.split("."), value)
+        if changed is None:
+            return None
+        table = changed
+    return table
+
+
+def _with_number(table: _Root, keys: Sequence[str], value: float) -> _Root | None:
+    key, *rest = keys
+    old = getattr(table, key, None)
+    new: Any = None
+    if not rest:
+        new = value if isinstance(old, float) and key != "duration" else None  # ramps must not be longer than that
+    elif isinstance(old, Table):
+        new = _with_number(old, rest, value)
+    elif isinstance(old, tuple) and len(rest) > 1:
+        names = [getattr(item, "name", None) for item in old]
+        index = names.index(rest[0]) if rest[0] in names else -1
+        item = _with_number(old[index], rest[1:], value) if index >= 0 else None
+        new = None if item is None else (*old[:index], item, *old[index + 1 :])
+    if new is None:
+        return None
+    copy = table.model_copy(update={key: new})
+    for name in _DERIVED:
+        copy.__dict__.pop(name, None)
+    return copy
+
+
 def _changed(
     table: type[Table] | None,
     content: Any,
@@ -67,12 +101,12 @@ def _changed(
         return _without(new, table.alternatives, prefix, changes)
     prefix = f"{prefix}{key}."
     old = content.get(key, {})
+    before = table.inner_table(content, key, old) if table is not None else None
     if isinstance(old, list | tuple) and inner:
-        new[key] = _changed_array(inner, old, prefix, rest, value, changes)
+        new[key] = _changed_array(before, old, prefix, rest, value, changes)
         return new
-    before = variant(inner, old)
     new[key] = _changed(before, old, prefix, rest, value, changes)
-    after = variant(inner, new[key])
+    after = table.inner_table(new, key, new[key]) if table is not None else None
     if before is not None and after is not None and after is not before:
         lost = before.model_fields.keys() - after.model_fields.keys()  # what only the old variant knows
         new[key] = _without(new[key], lost, prefix, changes)
@@ -87,7 +121,7 @@ def _without(
 
 
 def _changed_array(
-    inner: list[type[Table]],
+    table: type[Table] | None,
     items: Sequence[Any],
     prefix: str,
     keys: list[str],
@@ -106,6 +140,5 @@ def _changed_array(
     if not rest:
         new[index] = value
         return new
-    table = variant(inner, items[index])
     new[index] = _changed(table, items[index], f"{prefix}{name}.", rest, value, changes)
     return new

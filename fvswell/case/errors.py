@@ -1,4 +1,4 @@
-"""What is wrong with a case, told to the person who wrote it: every problem at once, each on a line."""
+"""What is wrong with a case, for the person who wrote it: every problem at once, each on a line."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Finding(NamedTuple):
 
 @dataclass(frozen=True)
 class Problem:
-    """A finding as it is told: the dotted key, the value that was given ("" if none), and what is allowed."""
+    """A finding as it is reported: the dotted key, the value that was given ("" if none), and what is allowed."""
 
     key: str
     given: str

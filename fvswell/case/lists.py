@@ -1,4 +1,4 @@
-"""Reading lists and inline tables of a case file, telling all that is wrong with them at once."""
+"""Reading lists and inline tables of a case file, reporting all that is wrong with them at once."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["read_increasing", "read_list", "read_table"]
 
 
 def read_table(table: Mapping[str, Any], readers: Mapping[str, Callable[[Any], Any]]) -> dict[str, Any]:
-    """Read the items of an inline table, all of which are required, and tell all that is wrong at once."""
+    """Read the items of an inline table, all of which are required, and report all that is wrong at once."""
     problems = [f"{key}: missing" for key in readers if key not in table]
     items = {}
     for key, value in table.items():

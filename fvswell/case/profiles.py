@@ -1,4 +1,4 @@
-"""Quantities that vary from place to place, and how a case file tells them."""
+"""Quantities that vary from place to place, and how a case file gives them."""
 
 from __future__ import annotations
 

@@ -10,10 +10,10 @@ from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
 from fvswell.case.errors import CaseError, Finding, Location, Problem, nearest_name, shown
-from fvswell.case.schema import Table, inner_tables, is_array, variant, variant_names
+from fvswell.case.tables import Table, inner_tables, is_array, variant_names
 from fvswell.case.values import ValueType
 
-__all__ = ["Heading", "allowed_values", "read_tables", "tables_below", "value_type"]
+__all__ = ["Heading", "allowed_values", "problems_of", "read_tables", "tables_below", "value_type"]
 
 _Root = TypeVar("_Root", bound=Table)
 _NOTHING = object()
@@ -42,22 +42,27 @@ def read_tables(
     """
     findings = list(_presence_findings(root, content, ()))
     try:
-        table = root.model_validate(content)
+        table = root.model_validate(content, context=content)
     except ValidationError as error:
         findings = [*(_finding(root, content, details) for details in error.errors()), *findings]
     if not findings:
         findings = list(check(table))
     if findings:
-        raise CaseError((_problem(root, content, finding) for finding in findings), source)
+        raise CaseError(problems_of(root, content, findings), source)
     return table
 
 
+def problems_of(root: type[Table], content: Mapping[str, Any], findings: Iterable[Finding]) -> list[Problem]:
+    """Findings in raw content as they are reported."""
+    return [_problem(root, content, finding) for finding in findings]
+
+
 class Heading(NamedTuple):
-    """Where a table stands: its dotted key ("" at the top), whether there may be several, and what tells it apart."""
+    """Where a table stands: its dotted key ("" at the top), whether there may be several, and which variant it is."""
 
     key: str = ""
     several: bool = False
-    told_apart: str = ""  # such as: with kind = "plane-strain"
+    variant: str = ""  # such as: with kind = "plane-strain"
 
     def __str__(self) -> str:
         return f"[[{self.key}]]" if self.several else f"[{self.key}]"
@@ -72,8 +77,8 @@ def tables_below(table: type[Table], heading: Heading | None = None) -> Iterator
         names = {inner: f'with {tag} = "{name}"' for name, (tag, inner) in variant_names(tables).items()}
         whole = f"{heading.key}.{key}" if heading.key else key
         for inner in tables:
-            told_apart = names[inner] if len(tables) > 1 else ""
-            yield from tables_below(inner, Heading(whole, is_array(table, key), told_apart))
+            variant = names.get(inner, inner.variant_label) if len(tables) > 1 else ""
+            yield from tables_below(inner, Heading(whole, is_array(table, key), variant))
 
 
 def value_type(field: FieldInfo) -> ValueType | None:
@@ -102,19 +107,21 @@ class _Place(NamedTuple):
 
 def _place(root: type[Table], content: Mapping[str, Any], location: Location) -> _Place:
     """Follow a location; parts that name a variant of a table, as pydantic inserts them, are passed over."""
-    place, table = _Place("", content, root, ""), variant([root], content)
+    place, table = _Place("", content, root, ""), root
+    parent: Mapping[str, Any] = content  # what holds the key of the place
     for part in location:
         given = place.given
         if isinstance(part, int):
             item = given[part]
             name = item.get("name") if isinstance(item, Mapping) else None
             place = place._replace(key=f"{place.key}[{name if isinstance(name, str) else part}]", given=item)
-            table = variant(inner_tables(place.table, place.name), item)
+            table = place.table.inner_table(parent, place.name, item) or place.table
         elif part not in variant_names(inner_tables(place.table, place.name)):
             key = f"{place.key}.{part}" if place.key else part
-            inner = given.get(part, _NOTHING) if isinstance(given, Mapping) else _NOTHING
-            place = _Place(key, inner, table or place.table, part)
-            table = variant(inner_tables(place.table, part), inner)
+            parent = given if isinstance(given, Mapping) else {}
+            inner = parent.get(part, _NOTHING)
+            place = _Place(key, inner, table, part)
+            table = table.inner_table(parent, part, inner) or table
     return place
 
 
@@ -133,7 +140,7 @@ def _presence_findings(table: type[Table], content: Mapping[str, Any], location:
         if not tables or several != isinstance(inner, list | tuple):
             continue
         for index, part in enumerate(inner if several else [inner]):
-            chosen = variant(tables, part)
+            chosen = table.inner_table(content, key, part)
             if chosen is not None and isinstance(part, Mapping):
                 place = (*location, key, index) if several else (*location, key)
                 yield from _presence_findings(chosen, part, place)
@@ -148,18 +155,25 @@ def _finding(root: type[Table], content: Mapping[str, Any], details: Any) -> Fin
     if kind == "extra_forbidden":
         return Finding(location, f"unknown key; {_suggestion(root, place.table, place.name)}")
     if kind in ("union_tag_invalid", "union_tag_not_found"):
-        tag = context["discriminator"].strip("'")
         names = variant_names(inner_tables(place.table, place.name))
-        return Finding((*location, tag), _one_of(names, context.get("tag")))
+        tag = next(key for key, _ in names.values())
+        given = place.given.get(tag) if isinstance(place.given, Mapping) else None
+        return Finding((*location, tag), _one_of(names, given))
     field = place.table.model_fields[place.name]
     if kind == "missing":
         reader = value_type(field)
         unit = f" ({reader.unit})" if reader is not None and reader.unit else ""
         return Finding(location, f"missing; must be given: {allowed_values(field)}{unit}")
     if kind == "literal_error":
-        return Finding(location, _one_of(get_args(field.annotation), place.given))
+        return Finding(location, _one_of(_variants_beside(root, place.table), place.given))
     heading = Heading(re.sub(r"\[[^]]*\]", "", place.key), is_array(place.table, place.name))
     return Finding(location, f"must be a table with the heading {heading}")
+
+
+def _variants_beside(root: type[Table], table: type[Table]) -> list[str]:
+    """Names of a variant of a table and of all others that may stand in its place."""
+    places = (inner_tables(outer, key) for _, outer in tables_below(root) for key in outer.model_fields)
+    return list(next(variant_names(tables) for tables in places if table in tables))
 
 
 def _one_of(names: Iterable[str], given: Any) -> str:
@@ -190,9 +204,9 @@ def _home(root: type[Table], table: type[Table], name: str) -> str:
     inside = [heading for heading in homes if heading.key.startswith(around)] if around else []
     keys = [heading.key for heading in homes]
 
-    def told(heading: Heading) -> str:
+    def named(heading: Heading) -> str:
         if not heading.key:
             return "the title"
-        return f"{heading} {heading.told_apart}".strip() if keys.count(heading.key) == 1 else str(heading)
+        return f"{heading} {heading.variant}".strip() if keys.count(heading.key) == 1 else str(heading)
 
-    return " or ".join(dict.fromkeys(map(told, inside or homes)))
+    return " or ".join(dict.fromkeys(map(named, inside or homes)))

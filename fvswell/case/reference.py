@@ -9,9 +9,9 @@ from inspect import getdoc
 
 from pydantic.fields import FieldInfo
 
-from fvswell.case.case import BlockCase
 from fvswell.case.reading import allowed_values, tables_below, value_type
-from fvswell.case.schema import CaseTable, Table, inner_tables
+from fvswell.case.schema import CaseTable
+from fvswell.case.tables import Table, inner_tables
 from fvswell.case.values import Load, Quantity
 from fvswell.units import DIMENSIONS
 
@@ -23,7 +23,7 @@ _INTRODUCTION = """\
 This page is written from the schema by `python -m fvswell.case.reference`.
 
 A case is a [TOML](https://toml.io) file. `fvswell new NAME` writes a commented one to begin with, and
-`fvswell check CASE` tells everything that is wrong with one at once.
+`fvswell check CASE` lists everything that is wrong with one at once.
 
 **Quantities** are texts with a unit, such as `"0.5 MPa"`, or plain numbers in the internal units shown below.
 Any unit of the dimension will do: `"0.2 meq/ml"` and `"0.2 M"` are the same concentration, for one equivalent
@@ -41,21 +41,15 @@ they go there linearly within the time `over`, which must not be longer than the
 
 def case_reference() -> str:
     """Markdown page with every key of a case: unit, default, allowed values and meaning."""
-    parts = [_INTRODUCTION, _units()]
-    columns = list(tables_below(CaseTable))
-    known = {table for _, table in columns}
-    blocks = [(heading, table) for heading, table in tables_below(BlockCase) if heading.key and table not in known]
-    plain = {str(heading) for heading, _ in columns if not heading.told_apart}
-    for of_blocks, tables in ((False, columns), (True, blocks)):
-        headings: dict[type[Table], list[str]] = {}
-        for heading, table in tables:
-            title = f"`{heading}` {heading.told_apart}".strip() if heading.key else "At the top"
-            headings.setdefault(table, []).append(title)
-        for table, titles in headings.items():
-            title = ", ".join(dict.fromkeys(titles))
-            title += " of a block" if of_blocks and title.strip("`") in plain else ""
-            parts.append(f"## {title}\n\n{getdoc(table)}\n\n{_rows(table)}{_tables(table)}")
-    return "\n".join(parts)
+    headings: dict[type[Table], list[str]] = {}
+    for heading, table in tables_below(CaseTable):
+        title = f"`{heading}` {heading.variant}".strip() if heading.key else "At the top"
+        headings.setdefault(table, []).append(title)
+    tables = [
+        f"## {', '.join(dict.fromkeys(titles))}\n\n{getdoc(table)}\n\n{_rows(table)}{_tables(table)}"
+        for table, titles in headings.items()
+    ]
+    return "\n".join([_INTRODUCTION, _units(), *tables])
 
 
 def _units() -> str:

@@ -1,88 +1,37 @@
 """The tables and keys of a case file: what each means, its dimension, default and allowed range.
 
-The descriptions here are the only place where the meaning of a key is told; the reference in the
+The descriptions here are the only place where the meaning of a key is given; the reference in the
 documentation is written from them. All values are in internal units.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import fields
-from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin
+from collections.abc import Mapping
+from functools import cache
+from typing import Annotated, Any
 
-import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import BeforeValidator, Field, TypeAdapter, ValidationInfo, field_validator
 
+from fvswell.case.geometry import AnyGeometry
+from fvswell.case.phases import BlockPhase, ColumnPhase, Phase
 from fvswell.case.profiles import Coordinates, DepthProfile, PlaneProfile, Profile
-from fvswell.case.values import Choice, Count, Duration, Load, Name, Quantity, Ramp, RelaxationTimes, Text, Times
-from fvswell.physics.solid import SOLIDS
+from fvswell.case.tables import Table, inner_tables, variant
+from fvswell.case.time_stepping import BackwardEuler, Esdirk43, Output, TimeStepping
+from fvswell.case.values import Choice, Quantity, Text
+from fvswell.physics.constants import GAS_CONSTANT
+from fvswell.physics.models import MODELS as _MODELS
+from fvswell.physics.osmotic import ConstantCoefficients
+from fvswell.physics.permeability import PERMEABILITIES
+from fvswell.physics.solids import SOLIDS
 from fvswell.physics.tissue import Array, Tissue
 
-__all__ = [
-    "BLOCK_GEOMETRIES",
-    "GEOMETRIES",
-    "LARGEST_GRADING",
-    "MODELS",
-    "STEPS_PER_PHASE",
-    "BackwardEuler",
-    "Bath",
-    "CaseTable",
-    "ColumnGeometry",
-    "ColumnPhase",
-    "ErrorControlledSdirk2",
-    "Output",
-    "Phase",
-    "Table",
-    "TimeStepping",
-    "TissueProperties",
-    "inner_tables",
-    "is_array",
-    "variant",
-    "variant_names",
-]
+__all__ = ["MODELS", "Bath", "CaseTable", "TissueProperties"]
 
-MODELS = ("biphasic", "biphasic-swelling", "electrochemical")
-BLOCK_GEOMETRIES = ("plane-strain", "axisymmetric")
-GEOMETRIES = ("column", *BLOCK_GEOMETRIES)
-LARGEST_GRADING = 1e6
-STEPS_PER_PHASE = 50  # as Wilson et al. (2005)
+MODELS = tuple(_MODELS)
 
 _Varying = float | DepthProfile | PlaneProfile
+_LAWS: dict[str, dict[str, Any]] = {"solid": SOLIDS, "permeability": PERMEABILITIES}  # chosen by these keys
 _DIFFUSIVITY = Quantity("diffusivity", above=0.0, varying=True)
-
-
-class Table(BaseModel):
-    """A table of a case file."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    alternatives: ClassVar[tuple[str, ...]] = ()  # keys of which at most one may be given
-    needs_alternative: ClassVar[bool] = True  # and exactly one has to be
-
-    @classmethod
-    def presence_problems(cls, table: Mapping[str, Any]) -> list[tuple[str, str]]:
-        """Keys of a raw table that exclude each other or are missing, each with what is allowed."""
-        given = [key for key in cls.alternatives if key in table]
-        if len(given) > 1:
-            return [(given[1], f"cannot stand beside {given[0]}: give one of {', '.join(cls.alternatives)}")]
-        if cls.alternatives and cls.needs_alternative and not given:
-            return [(cls.alternatives[0], f"missing; give one of {', '.join(cls.alternatives)}")]
-        return []
-
-
-class ColumnGeometry(Table):
-    """A column between a filter (bottom) and a piston (top), deforming along its axis only."""
-
-    kind: Annotated[str, Choice(GEOMETRIES)] = Field(
-        description="column: under a piston, on a filter open to the bath. The others are blocks, see below."
-    )
-    height: Annotated[float, Quantity("length", above=0.0)] = Field(
-        description="Height of the stress-free solid (J = 1)."
-    )
-    cells: Annotated[int, Count(2, 10_000)] = Field(default=50, description="Number of cells over the height.")
-    grading: Annotated[float, Quantity(at_least=1.0, at_most=LARGEST_GRADING)] = Field(
-        default=1.0, description="Largest cell over smallest; the finest lies at the filter."
-    )
 
 
 class Bath(Table):
@@ -104,24 +53,40 @@ class TissueProperties(Table):
 
     alternatives = ("osmotic_coefficient", "osmotic_coefficient_per_charge")
 
-    solid: Annotated[str, Choice(SOLIDS)] = Field(
+    solid: Annotated[str, Choice(tuple(SOLIDS))] = Field(
         description="Constitutive law of the solid: that of Wilson et al. (2005), eq 10; that of Bonet and "
-        "Wood with the logarithm of J; or that of Holmes and Mow with exponential stiffening."
+        "Wood with the logarithm of J; that of Holmes and Mow with exponential stiffening; or that of Wilson et al. "
+        "(2007), whose Poisson's ratio follows the solid fraction."
     )
-    youngs_modulus: Annotated[_Varying, Quantity("pressure", above=0.0, varying=True)] = Field(
-        description="Young's modulus of the drained solid at small strain, E."
+    youngs_modulus: Annotated[_Varying | None, Quantity("pressure", above=0.0, varying=True)] = Field(
+        default=None, description="Young's modulus of the drained solid at small strain, E."
     )
-    poisson_ratio: Annotated[_Varying, Quantity(above=-1.0, below=0.5, varying=True)] = Field(
-        description="Poisson's ratio of the drained solid at small strain, nu."
+    poisson_ratio: Annotated[_Varying | None, Quantity(above=-1.0, below=0.5, varying=True)] = Field(
+        default=None, description="Poisson's ratio of the drained solid at small strain, nu."
+    )
+    shear_modulus: Annotated[_Varying | None, Quantity("pressure", above=0.0, varying=True)] = Field(
+        default=None, description="Shear modulus G of the law that takes Poisson's ratio from the solid fraction."
     )
     stiffening_coefficient: Annotated[_Varying | None, Quantity(above=0.0, varying=True)] = Field(
         default=None, description="beta of the Holmes-Mow law, which needs it; other laws do not take it."
     )
-    hydraulic_permeability: Annotated[_Varying, Quantity("hydraulic permeability", above=0.0, varying=True)] = Field(
-        description="Permeability at J = 1, k0."
+    permeability: Annotated[str, Choice(tuple(PERMEABILITIES))] = Field(
+        default="exponential",
+        description="Law of the permeability: constant, k0; exponential, k0 exp(M (J - 1)); that of Holmes and Mow, "
+        "k0 ((J - 1 + n_f0)/n_f0)^a exp(M (J^2 - 1)/2); a power of the solid fraction, alpha (1 - n_f)^-M; or that of "
+        "Kozeny and Carman, k0 (n_f/n_f0)^3 ((1 - n_f0)/(1 - n_f))^2.",
     )
+    hydraulic_permeability: Annotated[_Varying | None, Quantity("hydraulic permeability", above=0.0, varying=True)] = (
+        Field(default=None, description="Permeability at J = 1, k0.")
+    )
+    permeability_coefficient: Annotated[
+        _Varying | None, Quantity("hydraulic permeability", above=0.0, varying=True)
+    ] = Field(default=None, description="alpha of the permeability by the solid fraction.")
     permeability_exponent: Annotated[_Varying, Quantity(varying=True)] = Field(
-        default=0.0, description="M in k = k0 exp(M (J - 1))."
+        default=0.0, description="M of the law of the permeability."
+    )
+    permeability_power: Annotated[_Varying | None, Quantity(at_least=0.0, varying=True)] = Field(
+        default=None, description="a of the Holmes-Mow permeability, which needs it; other laws do not take it."
     )
     fluid_fraction: Annotated[_Varying, Quantity(above=0.0, below=1.0, varying=True)] = Field(
         description="Volume fraction of the fluid at J = 1, n_f0."
@@ -147,140 +112,52 @@ class TissueProperties(Table):
 
     @classmethod
     def presence_problems(cls, table: Mapping[str, Any]) -> list[tuple[str, str]]:
-        """As for every table; and the stiffening coefficient goes with the law that uses it."""
+        """As for every table; and the parameters of a law go with the law that uses them."""
         problems = super().presence_problems(table)
-        key, solid, given = "stiffening_coefficient", table.get("solid"), "stiffening_coefficient" in table
-        if solid == "holmes-mow" and not given:
-            problems.append((key, 'missing; solid = "holmes-mow" needs it'))
-        if solid in SOLIDS and solid != "holmes-mow" and given:
-            problems.append((key, 'is for solid = "holmes-mow" only'))
+        for kind, laws in _LAWS.items():
+            chosen = table.get(kind, cls.model_fields[kind].default)
+            if not isinstance(chosen, str) or chosen not in laws:
+                continue  # reported as a wrong choice, or as missing
+            own = laws[chosen]._fields
+            for key in dict.fromkeys(field for law in laws.values() for field in law._fields):
+                if key in own and key not in table and cls.model_fields[key].default is None:
+                    problems.append((key, f'missing; {kind} = "{chosen}" needs it'))
+                if key not in own and key in table:
+                    names = " or ".join(f'"{name}"' for name, law in laws.items() if key in law._fields)
+                    problems.append((key, f"is for {kind} = {names} only"))
         return problems
 
     def at(self, coordinates: Coordinates, bath: Bath) -> Tissue:
-        """Tissue at points; arrays of shape (1, 1) where homogeneous, (1, points) where varying."""
+        """Tissue at points; numbers where homogeneous, arrays (points,) where varying."""
 
-        def values(quantity: float | Profile | None) -> Array:
-            if isinstance(quantity, Profile):
-                return quantity.at(coordinates)[np.newaxis, :]
-            return np.array([[np.nan if quantity is None else quantity]])  # None: a law that does not use it
+        def value(quantity: float | Profile) -> Array | float:
+            return quantity.at(coordinates) if isinstance(quantity, Profile) else quantity
 
-        if self.osmotic_coefficient is None:
-            fall = values(self.osmotic_coefficient_per_charge) * values(self.fixed_charge_density)
-            osmotic_coefficient = bath.osmotic_coefficient - fall
+        def law(kind: str) -> Any:
+            chosen: Any = _LAWS[kind][getattr(self, kind)]
+            return chosen(*(value(getattr(self, key)) for key in chosen._fields))
+
+        if self.osmotic_coefficient is not None:
+            coefficient = value(self.osmotic_coefficient)
         else:
-            osmotic_coefficient = values(self.osmotic_coefficient)
-        computed = {"osmotic_coefficient": osmotic_coefficient, "temperature": values(bath.temperature)}
-        names = (field.name for field in fields(Tissue) if field.name != "solid" and field.name not in computed)
-        return Tissue(solid=self.solid, **{name: values(getattr(self, name)) for name in names}, **computed)
-
-
-class Phase(Table):
-    """A stretch of time with one set of boundary conditions; what every geometry has."""
-
-    name: Annotated[str, Name()] = Field(description="Name of the phase; no two are alike.")
-    duration: Annotated[float | RelaxationTimes, Duration()] = Field(
-        description="How long the phase lasts; the relaxation time is that of the biphasic-swelling model in "
-        "this phase, see relaxation_fraction."
-    )
-    bath_concentration: Annotated[float | Ramp | None, Load(Quantity("concentration", above=0.0))] = Field(
-        default=None, description="Concentration of the bath; without it, as the previous phase left it."
-    )
-
-    @field_validator("*")
-    @classmethod
-    def _ramp_within_phase(cls, value: Any, info: ValidationInfo) -> Any:
-        duration = info.data.get("duration")
-        if isinstance(value, Ramp) and isinstance(duration, float) and value.over > duration:
-            raise ValueError(value.longer_than(duration))
-        return value
-
-
-class ColumnPhase(Phase):
-    """What the piston and the bath do from the end of the previous phase on."""
-
-    alternatives = ("piston_pressure", "piston_displacement")
-
-    piston_pressure: Annotated[float | Ramp | None, Load(Quantity("pressure"))] = Field(
-        default=None, description="Pressure of the piston, positive in compression. Either this or the next."
-    )
-    piston_displacement: Annotated[float | Ramp | None, Load(Quantity("length"))] = Field(
-        default=None,
-        description="Displacement of the piston from the equilibrated sample, negative in compression. A "
-        "jump would need infinite pressure, so a plain value can only hold the piston where the previous "
-        "phase left it (at 0 in the first).",
-    )
-
-
-class TimeStepping(Table):
-    """How time is stepped."""
-
-    relaxation_fraction: Annotated[float, Quantity(above=0.0, below=1.0)] = Field(
-        default=0.99,
-        description="The relaxation time is over when the global strain has gone this fraction of its way.",
-    )
-
-    @property
-    def fixed_steps(self) -> int | None:
-        """Number of equal steps in a phase; None where the error chooses the steps."""
-        return None
-
-    @property
-    def samples_per_phase(self) -> int:
-        """Number of equally spaced times in a phase at which models are compared: the ends of given steps."""
-        return self.fixed_steps or STEPS_PER_PHASE
-
-
-class BackwardEuler(TimeStepping):
-    """Equal steps, first order."""
-
-    scheme: Literal["backward-euler"] = Field(default="backward-euler", description="First order, equal steps.")
-    steps_per_phase: Annotated[int, Count(1)] = Field(
-        default=STEPS_PER_PHASE, description="Number of equal steps in a phase."
-    )
-
-    @property
-    def fixed_steps(self) -> int:
-        """Number of equal steps in a phase."""
-        return self.steps_per_phase
-
-
-class ErrorControlledSdirk2(TimeStepping):
-    """Steps chosen by the error, second order."""
-
-    scheme: Literal["sdirk2"] = Field(
-        description="Second order, diagonally implicit Runge-Kutta, steps chosen by the error."
-    )
-    tolerance: Annotated[float, Quantity(above=0.0, below=1.0)] = Field(
-        default=1e-4, description="Error allowed in a step, as a fraction of the largest strain."
-    )
-    max_step: Annotated[float | None, Quantity("time", above=0.0)] = Field(
-        default=None, description="Longest step; without it only the error limits the steps."
-    )
-
-
-class Output(Table):
-    """When results are written."""
-
-    alternatives = ("every", "times")
-    needs_alternative = False
-
-    every: Annotated[int | None, Count(1)] = Field(
-        default=None,
-        description="Write every this many steps; every step if neither this nor times is given.",
-    )
-    times: Annotated[tuple[float, ...] | None, Times()] = Field(
-        default=None,
-        description="Write at these times from the start of the run, which steps then hit exactly.",
-    )
+            assert self.osmotic_coefficient_per_charge is not None  # one of the two is there
+            fall = value(self.osmotic_coefficient_per_charge) * value(self.fixed_charge_density)
+            coefficient = bath.osmotic_coefficient - fall
+        return Tissue(
+            solid=law("solid"),
+            permeability=law("permeability"),
+            osmotic=ConstantCoefficients(coefficient, bath.osmotic_coefficient, value(self.activity_ratio)),
+            fluid_fraction=value(self.fluid_fraction),
+            fixed_charge_density=value(self.fixed_charge_density),
+            cation_diffusivity=value(self.cation_diffusivity),
+            anion_diffusivity=value(self.anion_diffusivity),
+            hindrance_factor=value(self.hindrance_factor),
+            thermal_energy=GAS_CONSTANT * bath.temperature,
+        )
 
 
 def _with_default_scheme(table: Any) -> Any:
-    return {"scheme": "backward-euler", **table} if isinstance(table, Mapping) else table
-
-
-def _with_default_frequency(table: Any) -> Any:
-    none = isinstance(table, Mapping) and not any(key in table for key in Output.alternatives)
-    return {"every": 1, **table} if none else table
+    return {"scheme": "esdirk43", **table} if isinstance(table, Mapping) else table
 
 
 class CaseTable(Table):
@@ -288,10 +165,10 @@ class CaseTable(Table):
 
     title: Annotated[str, Text()] = Field(description="What is simulated, in a line.")
     model: Annotated[str, Choice(MODELS)] = Field(description="Which of the three models is solved.")
-    assembly: Annotated[str, Choice(("coupled-term", "stock-terms"))] = Field(
-        default="coupled-term",
-        description="How the equations are assembled: by one coupled FiPy term, or by FiPy's stock terms, "
-        "which are slow, and readable as a specification.",
+    assembly: Annotated[str, Choice(("compiled", "fipy", "stock-terms"))] = Field(
+        default="compiled",
+        description="How the equations are assembled and solved: compiled; as one FiPy term with FiPy's solvers; or, "
+        "of a column, in FiPy's stock terms, which are slow, and readable as a specification.",
     )
     open_circuit_permeability: Annotated[str, Choice(("initial", "state", "none"))] = Field(
         default="initial",
@@ -299,56 +176,50 @@ class CaseTable(Table):
         "equilibrated initial state at each point, the same evaluated with the state, or none: the tissue's "
         "own permeability.",
     )
-    geometry: ColumnGeometry
+    geometry: AnyGeometry
     tissue: TissueProperties
     bath: Bath
-    phase: tuple[ColumnPhase, ...]
+    phase: tuple[ColumnPhase | BlockPhase, ...]
     time: Annotated[
-        BackwardEuler | ErrorControlledSdirk2,
+        BackwardEuler | Esdirk43,
         Field(discriminator="scheme"),
         BeforeValidator(_with_default_scheme),
-    ] = BackwardEuler()
-    output: Annotated[Output, BeforeValidator(_with_default_frequency)] = Output(every=1)
+    ] = Esdirk43()
+    output: Output = Field(default=Output(), validate_default=True)
 
-    @field_validator("phase")
+    @field_validator("phase", mode="wrap")
     @classmethod
-    def _some_phase(cls, phases: tuple[Phase, ...]) -> tuple[Phase, ...]:
-        if not phases:
+    def _phases_of_the_geometry(cls, phases: Any, _: Any, info: ValidationInfo) -> tuple[Phase, ...]:
+        """Read phases as those of the geometry, even one that has problems of its own."""
+        geometry = info.data.get("geometry")
+        table = _phases_of(info.context or {}) if geometry is None else type(geometry).phases
+        read: tuple[Phase, ...] = _phase_reader(table).validate_python(phases)
+        if not read:
             raise ValueError("must hold at least one [[phase]]")
-        return phases
+        return read
+
+    @field_validator("output", mode="before")
+    @classmethod
+    def _with_default_output(cls, output: Any, info: ValidationInfo) -> Any:
+        """Write as the time stepping has it where nothing says when."""
+        content = output.model_dump(exclude_none=True) if isinstance(output, Output) else output
+        if not isinstance(content, Mapping) or any(key in content for key in Output.alternatives):
+            return output
+        time: TimeStepping = info.data.get("time", Esdirk43())
+        return {**content, **time.default_output}
+
+    @classmethod
+    def inner_table(cls, content: Mapping[str, Any], key: str, item: Any) -> type[Table] | None:
+        """As for every table; phases are those of the geometry."""
+        return _phases_of(content) if key == "phase" else super().inner_table(content, key, item)
 
 
-def inner_tables(table: type[Table], key: str) -> list[type[Table]]:
-    """Tables that a key of a table stands for: several for variants, none for a value or an unknown key."""
-    return _tables_in(table.model_fields[key].annotation) if key in table.model_fields else []
+def _phases_of(content: Mapping[str, Any]) -> type[Phase]:
+    """The table of the phases of a case, from its raw content; of a column where nothing says what it is."""
+    geometry: Any = variant(inner_tables(CaseTable, "geometry"), content.get("geometry"))
+    return ColumnPhase if geometry is None else geometry.phases
 
 
-def is_array(table: type[Table], key: str) -> bool:
-    """Whether a key of a table stands for an array of tables."""
-    return key in table.model_fields and get_origin(table.model_fields[key].annotation) is tuple
-
-
-def variant_names(tables: Iterable[type[Table]]) -> dict[str, tuple[str, type[Table]]]:
-    """Variants of a table by name, each with the key that holds the name; empty where there are none."""
-    return {
-        get_args(field.annotation)[0]: (key, table)
-        for table in tables
-        for key, field in table.model_fields.items()
-        if get_origin(field.annotation) is Literal
-    }
-
-
-def variant(tables: list[type[Table]], content: Any) -> type[Table] | None:
-    """The one of some variants of a table that raw content is told to be, None if it is none of them."""
-    if len(tables) == 1:
-        return tables[0]
-    for name, (key, table) in variant_names(tables).items():
-        if isinstance(content, Mapping) and content.get(key, table.model_fields[key].default) == name:
-            return table
-    return None
-
-
-def _tables_in(annotation: Any) -> list[type[Table]]:
-    if isinstance(annotation, type) and issubclass(annotation, Table):
-        return [annotation]
-    return [table for argument in get_args(annotation) for table in _tables_in(argument)]
+@cache
+def _phase_reader(table: type[Phase]) -> TypeAdapter[Any]:
+    return TypeAdapter(tuple[table, ...])  # type: ignore[valid-type]

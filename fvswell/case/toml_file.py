@@ -1,4 +1,4 @@
-"""Reading a TOML file, with what is wrong told as of a case."""
+"""Reading a TOML file, reporting what is wrong as of a case."""
 
 from __future__ import annotations
 

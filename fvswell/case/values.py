@@ -50,7 +50,7 @@ class Ramp(NamedTuple):
 
 
 class RelaxationTimes(NamedTuple):
-    """A duration told in relaxation times of the biphasic-swelling model."""
+    """A duration given in relaxation times of the biphasic-swelling model."""
 
     multiple: float
 

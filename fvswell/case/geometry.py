@@ -1,0 +1,211 @@
+"""The geometries of a case file: a column, and blocks in plane strain or axisymmetry.
+
+Whatever depends on the geometry asks it: which phases it has, what its parts are, where tissue is looked up.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Discriminator, Field, Tag
+
+from fvswell.block.sides import EDGES
+from fvswell.case.phases import BlockPhase, ColumnPhase, Phase
+from fvswell.case.profiles import Coordinates, DepthProfile, PlaneProfile, Profile
+from fvswell.case.tables import Table, variant
+from fvswell.case.values import Choice, Count, Counts, Flag, Names, Point, Quantity
+from fvswell.numerics.graded_grid import graded_nodes
+from fvswell.physics.tissue import Array
+
+__all__ = [
+    "AnyGeometry",
+    "AxisymmetricGeometry",
+    "BlockGeometry",
+    "ColumnGeometry",
+    "Edge",
+    "Edges",
+    "Geometry",
+    "PlaneStrainGeometry",
+]
+
+_LARGEST_GRADING = 1e6
+_EVEN_POINTS = 50  # along each axis of a block at which its tissue is checked
+
+
+class Geometry(Table):
+    """What every geometry has."""
+
+    kind: str
+    phases: ClassVar[type[Phase]]
+    profile: ClassVar[type[DepthProfile | PlaneProfile]]  # how properties of the tissue may vary
+    profile_example: ClassVar[str]
+    histories: ClassVar[tuple[str, ...]]  # fields that say how far the sample has gone; the largest counts
+    pressures: ClassVar[dict[str, str]]  # field with the pressure on each part of the boundary that can be moved
+
+    @abstractmethod
+    def coordinates(self, points: Array) -> Coordinates:
+        """Coordinates by the names that profiles use.
+
+        Parameters
+        ----------
+        points
+            Of the stress-free solid, mm: depths ``(points,)`` in a column, ``(2, points)`` in a block.
+        """
+
+    @abstractmethod
+    def sample_points(self, profiles: list[Profile]) -> Array:
+        """Points at which to check the tissue: an even grid and the knots of all profiles."""
+
+
+class ColumnGeometry(Geometry):
+    """A column between a filter (bottom) and a piston (top), deforming along its axis only."""
+
+    phases = ColumnPhase
+    profile = DepthProfile
+    profile_example = "in a column give {depth = [...], value = [...]}"
+    histories = ("global_strain",)
+    pressures: ClassVar[dict[str, str]] = {"piston": "applied_pressure"}
+
+    kind: Literal["column"] = Field(description="A column under a piston, on a filter open to the bath.")
+    height: Annotated[float, Quantity("length", above=0.0)] = Field(
+        description="Height of the stress-free solid (J = 1)."
+    )
+    cells: Annotated[int, Count(2, 10_000)] = Field(default=50, description="Number of cells over the height.")
+    grading: Annotated[float, Quantity(at_least=1.0, at_most=_LARGEST_GRADING)] = Field(
+        default=1.0, description="Largest cell over smallest; the finest lies at the filter."
+    )
+
+    def coordinates(self, points: Array) -> Coordinates:
+        """Depths, mm from the filter."""
+        return {"depth": points}
+
+    def sample_points(self, profiles: list[Profile]) -> Array:
+        """Depths: the nodes of an even grid and the knots; one is enough where nothing varies."""
+        if not profiles:
+            return np.zeros(1)
+        knots = np.concatenate([profile.depth for profile in profiles if isinstance(profile, DepthProfile)])
+        return np.union1d(np.linspace(0.0, self.height, self.cells + 1), knots[knots <= self.height])
+
+
+class Edge(Table):
+    """An edge of a block."""
+
+    displacement: Annotated[str, Choice(("fixed", "roller", "free", "tied"))] = Field(
+        description="fixed: held in both directions; roller: no displacement along the normal; free; tied: free to "
+        "move along the normal, but as one straight line."
+    )
+    permeable: Annotated[bool, Flag()] = Field(default=False, description="Whether the edge is open to the bath.")
+
+
+class Edges(Table):
+    """The edges of a block; of a disc, the left one is the axis: a roller, impermeable."""
+
+    left: Edge
+    right: Edge
+    bottom: Edge
+    top: Edge
+
+
+class BlockGeometry(Geometry):
+    """What plane strain and axisymmetry share."""
+
+    phases = BlockPhase
+    profile = PlaneProfile
+    profile_example = "in a block give {x = [...], y = [...], value = [[...]]}"
+    histories = ("probe_displacement_x", "probe_displacement_y")
+    pressures: ClassVar[dict[str, str]] = {edge: f"{edge}_pressure" for edge in EDGES}
+
+    height: Annotated[float, Quantity("length", above=0.0)] = Field(
+        description="Height of the stress-free solid (J = 1)."
+    )
+    cells: Annotated[tuple[int, int], Counts(1, 1000)] = Field(description="Number of cells along x and along y.")
+    grading: Annotated[float, Quantity(at_least=1.0, at_most=_LARGEST_GRADING)] = Field(
+        default=1.0, description="Largest cell over smallest, along each axis that is graded."
+    )
+    finest_at: Annotated[tuple[str, ...], Names(EDGES)] = Field(
+        default=(), description="Edges at which the smallest cells lie."
+    )
+    probe: Annotated[tuple[float, float] | None, Point()] = Field(
+        default=None,
+        description="Where the displacement is compared between models; the nearest vertex is taken. Without it the "
+        "top right corner.",
+    )
+    edges: Edges
+
+    @property
+    @abstractmethod
+    def extent(self) -> tuple[float, float]:
+        """Size along x and y, mm."""
+
+    def coordinates(self, points: Array) -> Coordinates:
+        """Positions along x and y, mm."""
+        return {"x": points[0], "y": points[1]}
+
+    def sample_points(self, profiles: list[Profile]) -> Array:
+        """The crossings of lines through an even grid and through all knots."""
+        plane = [profile for profile in profiles if isinstance(profile, PlaneProfile)]
+        width, height = self.extent
+        x, y = (
+            np.unique(np.concatenate([np.linspace(0.0, length, _EVEN_POINTS), *(k[k <= length] for k in knots)]))
+            for length, knots in (
+                (width, [np.asarray(profile.x) for profile in plane]),
+                (height, [np.asarray(profile.y) for profile in plane]),
+            )
+        )
+        return np.stack(np.meshgrid(x, y)).reshape(2, -1)
+
+    def grid_nodes(self) -> tuple[Array, Array]:
+        """Coordinates of the grid's nodes along x and along y, mm."""
+        ends = {"left": "start", "right": "end", "bottom": "start", "top": "end"}
+        sides = (("left", "right"), ("bottom", "top"))
+        x, y = (
+            graded_nodes(length, cells, self.grading, [ends[edge] for edge in edges if edge in self.finest_at])
+            for length, cells, edges in zip(self.extent, self.cells, sides, strict=True)
+        )
+        return x, y
+
+
+class PlaneStrainGeometry(BlockGeometry):
+    """A rectangle in plane strain."""
+
+    kind: Literal["plane-strain"] = Field(description="A rectangular block in plane strain.")
+    width: Annotated[float, Quantity("length", above=0.0)] = Field(
+        description="Width of the stress-free solid (J = 1)."
+    )
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """Size along x and y, mm."""
+        return self.width, self.height
+
+
+class AxisymmetricGeometry(BlockGeometry):
+    """A disc; x is the radius."""
+
+    kind: Literal["axisymmetric"] = Field(description="A disc, of which half a cross-section is solved.")
+    radius: Annotated[float, Quantity("length", above=0.0)] = Field(
+        description="Radius of the stress-free solid (J = 1)."
+    )
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """Size along the radius and the axis, mm."""
+        return self.radius, self.height
+
+
+def _kind(content: Any) -> str | None:
+    """Name of the geometry that raw content, or a geometry, is of; the nearest one if it is misspelt."""
+    if isinstance(content, Geometry):
+        return content.kind
+    table = variant([ColumnGeometry, PlaneStrainGeometry, AxisymmetricGeometry], content)
+    return None if table is None else str(table.model_fields["kind"].annotation.__args__[0])  # type: ignore[union-attr]
+
+
+AnyGeometry = Annotated[
+    Annotated[ColumnGeometry, Tag("column")]
+    | Annotated[PlaneStrainGeometry, Tag("plane-strain")]
+    | Annotated[AxisymmetricGeometry, Tag("axisymmetric")],
+    Discriminator(_kind),
+]
