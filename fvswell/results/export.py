@@ -45,7 +45,7 @@ def export_result(path: Path, kind: str = "vtu", directory: Path | None = None, 
     Raises
     ------
     OutputError
-        If the format is unknown, pyvista is missing, the result is of a column, or a file is there already or cannot
+        If the format is unknown, pyvista is missing, the result is of a column, or a file exists already or cannot
         be written.
     """
     if kind not in FORMATS:

@@ -78,7 +78,7 @@ FIELDS: dict[str, Field] = {
     },
     # blocks
     **{
-        f"probe_displacement_{axis}": Field("mm", f"displacement of the probe from rest along {axis}", "global")
+        f"probe_displacement_{axis}": Field("mm", f"displacement of the probe from equilibrium along {axis}", "global")
         for axis in ("x", "y")
     },
     **{
@@ -123,10 +123,10 @@ FIELDS: dict[str, Field] = {
     },
     "phase_end": Field("s", "time at which the phase ends", "phase", "phase: point"),
     "equilibrium_strain": Field(
-        "1", "global strain at rest under the loads that the phase ends with", "phase", "phase: point"
+        "1", "global strain in equilibrium under the loads that the phase ends with", "phase", "phase: point"
     ),
     "step_time": Field("s", "end of the step", "step", "step: point"),
     "step_size": Field("s", "length of the step", "step", "step: point"),
     "step_iterations": Field("1", "Newton iterations in all stages of the step", "step", "step: sum"),
-    "step_residual": Field("1", "largest residual left, relative to a cell's content", "step", "step: maximum"),
+    "step_update": Field("1", "last update of Newton's method, relative to the contents", "step", "step: point"),
 }

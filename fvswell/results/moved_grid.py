@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import xarray as xr
 
 from fvswell.errors import OutputError
 from fvswell.physics.tissue import Array
-from fvswell.results.file import SAME_TIME
+from fvswell.results.layout import SAME_TIME
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["AXES", "Fold", "first_fold", "is_block", "moved_nodes", "quadrilaterals"]
 
@@ -72,14 +75,16 @@ def quadrilaterals(result: xr.Dataset) -> Array:
     return np.asarray(result["face_nodes"].values).astype(int)
 
 
-def first_fold(result: xr.Dataset) -> Fold | None:
-    """The first fold in the outputs of a block, None if there is none.
+def first_fold(result: Mapping[Any, Any]) -> Fold | None:
+    """The first fold in the outputs of a block, None if there is none; a column has no corners to fold.
 
     A run goes on while the solid is upright where its stress is taken, inside the cells. At the end of a glued edge a
     corner may fold over all the same: a free edge that would come to lie on what it is glued to, were there contact.
     """
-    nodes = np.stack([result[f"node_{axis}"].values + result[f"displacement_{axis}"].values for axis in AXES])
-    corners = nodes[:, :, quadrilaterals(result)]
+    if "face_nodes" not in result:
+        return None
+    nodes = np.stack([np.asarray(result[f"node_{axis}"]) + np.asarray(result[f"displacement_{axis}"]) for axis in AXES])
+    corners = nodes[:, :, np.asarray(result["face_nodes"]).astype(int)]
     ahead, back = np.roll(corners, -1, axis=-1) - corners, np.roll(corners, 1, axis=-1) - corners
     folded = (ahead[0] * back[1] <= ahead[1] * back[0]).any(axis=-1)
     if not folded.any():

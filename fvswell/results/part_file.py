@@ -1,4 +1,4 @@
-"""A netCDF file under way: ``NAME.part`` until it is whole, then NAME; nothing if the work on it ends early."""
+"""A netCDF file under way: ``NAME.new`` until it is whole, then NAME; nothing if the work on it ends early."""
 
 from __future__ import annotations
 
@@ -8,13 +8,16 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
-
-import netCDF4
+from typing import TYPE_CHECKING, Any, Self
 
 from fvswell.errors import OutputError
 
-__all__ = ["PartFile"]
+if TYPE_CHECKING:
+    import netCDF4
+
+__all__ = ["NETCDF", "PartFile"]
+
+NETCDF = threading.RLock()  # the netCDF library cannot be used by two threads at once
 
 
 class PartFile:
@@ -30,7 +33,7 @@ class PartFile:
 
     def __init__(self, path: Path, define: Callable[[netCDF4.Dataset], None]) -> None:
         self.path, self._define = path, define
-        self._part = path.with_name(path.name + ".part")
+        self._part = path.with_name(path.name + ".new")
         self._file: netCDF4.Dataset | None = None
 
     def __enter__(self) -> Self:
@@ -51,7 +54,9 @@ class PartFile:
         OutputError
             If the file cannot be written.
         """
-        with _uninterrupted(), self._told_errors():
+        with NETCDF, _uninterrupted(), self._reported_errors():
+            import netCDF4
+
             if self._file is None:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
                 self._file = netCDF4.Dataset(self._part, "w", format="NETCDF4")
@@ -71,7 +76,7 @@ class PartFile:
             self._part.replace(self.path)
 
     def _discard(self) -> None:
-        with _uninterrupted():
+        with NETCDF, _uninterrupted():
             if self._file is not None:
                 with suppress(RuntimeError):  # of what cannot be flushed to a full disk, or is closed already
                     self._file.close()
@@ -79,13 +84,13 @@ class PartFile:
                 self._part.unlink(missing_ok=True)
 
     @contextmanager
-    def _told_errors(self) -> Iterator[None]:
-        """Errors of the file system and of the netCDF library, told with the file's name."""
+    def _reported_errors(self) -> Iterator[None]:
+        """Errors of the file system and of the netCDF library, reported with the file's name."""
         try:
             yield
         except (OSError, RuntimeError) as error:  # netCDF4 raises RuntimeError when the disk is full
             reason = getattr(error, "strerror", None) or error
-            raise OutputError(f"{self._part}: cannot be written: {reason}") from None
+            raise OutputError(f"{self.path}: cannot be written: {reason}") from None
 
 
 @contextmanager

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import datetime
 import platform
+from functools import cache
 from importlib import metadata
 
-import fvswell
+from fvswell.version import __version__
 
 __all__ = ["REFERENCE", "provenance"]
 
@@ -15,7 +16,13 @@ REFERENCE = (
     "theories for soft hydrated tissues. J Biomech Eng 127, 158-165, doi:10.1115/1.1835361"
 )
 
-_PACKAGES = ("fipy", "numpy", "scipy", "xarray", "netCDF4")
+_PACKAGES = ("numba", "numpy", "scipy", "xarray", "netCDF4", "fipy")
+
+
+@cache
+def _package_versions() -> str:
+    packages = [f"python {platform.python_version()}", *(f"{name} {metadata.version(name)}" for name in _PACKAGES)]
+    return ", ".join(packages)
 
 
 def provenance(title: str, source: str, comment: str, conventions: str = "CF-1.11") -> dict[str, str]:
@@ -33,14 +40,13 @@ def provenance(title: str, source: str, comment: str, conventions: str = "CF-1.1
         That the file follows.
     """
     now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-    packages = [f"python {platform.python_version()}", *(f"{name} {metadata.version(name)}" for name in _PACKAGES)]
     return {
         "Conventions": conventions,
         "title": title,
         "institution": "fvswell",
-        "source": f"fvswell {fvswell.__version__}, {source}",
-        "history": f"{now} computed by fvswell {fvswell.__version__}",
+        "source": f"fvswell {__version__}, {source}",
+        "history": f"{now} computed by fvswell {__version__}",
         "references": REFERENCE,
         "comment": comment,
-        "package_versions": ", ".join(packages),
+        "package_versions": _package_versions(),
     }

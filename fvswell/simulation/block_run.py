@@ -1,221 +1,194 @@
-"""A block as a run sees it: what is marched, what is recorded, how the result is laid out."""
+"""A case of a block as a run sees it: what is integrated, what is recorded, how the result is laid out."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from fvswell.block.block import Block, make_block
-from fvswell.block.edges import EdgeCondition, drive_names
-from fvswell.block.equilibrium import (
-    NoEquilibrium,
-    equilibrated_state,
-    initial_open_circuit_ratio,
-    with_open_circuit_ratio,
-)
+from fvswell.block.block import Block
+from fvswell.block.body import BlockBody
+from fvswell.block.edges import EdgeCondition
+from fvswell.block.equilibrium import NoEquilibrium, equilibrated_body, initial_open_circuit_ratio, start_of
 from fvswell.block.fields import block_fields
 from fvswell.block.grid import BlockGrid, block_grid
+from fvswell.block.make_block import make_block
+from fvswell.block.march import march_block
 from fvswell.block.mechanics import integration_points
 from fvswell.block.sides import EDGE_AXIS, EDGES
-from fvswell.block.system import BlockSystem
-from fvswell.case.case import BlockCase
+from fvswell.case.case import Case
+from fvswell.case.output_times import output_times
 from fvswell.case.values import Ramp, final_value
 from fvswell.errors import SolverError
-from fvswell.numerics.conservation import ConservationBooks
-from fvswell.numerics.protocol import Drive, Protocol, phase_targets
-from fvswell.numerics.time_stepping import (
-    BACKWARD_EULER,
-    FIRST_STEP,
-    SDIRK2,
-    SMALLEST_STRAIN,
-    State,
-    StepControl,
-)
+from fvswell.numerics.loads import Load, Protocol, make_protocol
+from fvswell.numerics.state import Control, Record, State
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
-from fvswell.physics.models import MODELS, Mixture
-from fvswell.physics.solid import aggregate_modulus
+from fvswell.physics.models import MODELS, Model
+from fvswell.physics.permeability import hydraulic_permeability
+from fvswell.physics.solids import aggregate_modulus
 from fvswell.physics.tissue import Array, Tissue
 from fvswell.results.fields import FIELDS
-from fvswell.results.file import Layout
+from fvswell.results.layout import Layout
+from fvswell.simulation.step_control import FIRST_STEP, SMALLEST_STRAIN, step_control
 
 __all__ = ["BlockRun"]
-
-_LOADS = ("pressure", "force", "displacement")
 
 
 class BlockRun:
     """A case of a block.
 
+    Parameters
+    ----------
+    case
+        What is simulated.
+    model
+        To use instead of the case's own.
+    held
+        Loads that a run before has left, nan where they were found; without it the block is in equilibrium.
+
     Raises
     ------
     SolverError
-        If no state at rest is found to start from.
+        If no equilibrium is found to start from.
     """
 
-    def __init__(self, case: BlockCase) -> None:
-        self.case = case
-        self.grid = _grid(case)
-        coefficient = np.array([[case.bath.osmotic_coefficient]])
-        model = MODELS[case.model]
-        cells = Mixture(model, case.tissue_at_points(self.grid.centres), coefficient)
-        faces = Mixture(model, case.tissue_at_points(self.grid.face_centres), coefficient)
-        solid = case.tissue_at_points(integration_points(self.grid))
-        block = make_block(self.grid, _edges(case), cells, faces, solid)
+    def __init__(self, case: Case, model: Model | None = None, held: Array | None = None) -> None:
+        geometry: Any = case.geometry
+        self.case, self.model, self.held = case, model or MODELS[case.model], held
+        self.grid = block_grid(geometry.kind, *geometry.grid_nodes())
         try:
-            self._initial = equilibrated_state(BlockSystem(block), case.bath.concentration)
+            self.body, self.state = _equilibrated(case, self.model, self.grid)
         except NoEquilibrium as error:
             raise SolverError(f"{case.source}: {error}") from None
-        if model.open_circuit and case.open_circuit_permeability != "state":
-            ratio = np.ones((1, 1))
-            if case.open_circuit_permeability == "initial":
-                ratio = initial_open_circuit_ratio(block, self._initial.unknowns[0, 0], case.bath.concentration)
-            block = with_open_circuit_ratio(block, ratio)
-        self.system = BlockSystem(block)
-        self._height = self._mean_height(self._initial)
+        self.volumes, self.scale = self.grid.volumes, self.block.content_scale
+        self._initial = self.block.positions(self.state.unknowns)
+        self._rest = dict(zip(self.body.load_names, self.state.loads.copy(), strict=True))
         self.probe = self._probe_vertex()
 
     @property
     def block(self) -> Block:
-        """The block that is marched."""
-        return self.system.block
+        """The block."""
+        return self.body.block
 
     @property
     def tissue(self) -> Tissue:
-        """Tissue in the cells."""
-        return self.block.term.cells.tissue
+        """Tissue in the cells, as the model sees it."""
+        return self.block.cells
+
+    @property
+    def march(self) -> Callable[..., None]:
+        """The integrator."""
+        return march_block
 
     @property
     def initial_volume_ratio(self) -> Array:
-        """Volume ratio of the cells at rest, (1, cells)."""
-        return self.block.volume_ratio(self.block.positions(self._initial.unknowns[0, 0]))
+        """J of the cells in equilibrium before the first phase, (cells,)."""
+        ratio: Array = self.block.transport(
+            self._initial, self.block.potentials(self.state.unknowns), self.block.concentration
+        ).volume_ratio
+        return ratio
 
     @property
     def initial_stretch(self) -> float:
-        """Mean height at rest over the height of the stress-free solid."""
-        return self._height / self.case.geometry.height
+        """Mean height in equilibrium over the height of the stress-free solid."""
+        return float(self.body.initial_height / self._extent[1])
 
     @property
     def drainage_length(self) -> float:
-        """Distance in the block at rest from the bath to the vertex that is farthest from it, mm."""
-        positions = self.block.positions(self._initial.unknowns[0, 0])
-        open_edges = [name for name in EDGES if getattr(self.case.geometry.edges, name).permeable]
-        bath = positions[:, np.concatenate([self.grid.edge_vertices(name) for name in open_edges])]
-        return float(np.hypot(*(positions[:, :, None] - bath[:, None, :])).min(axis=1).max())
+        """Distance in the equilibrated block from the bath to the vertex that is farthest from it, mm."""
+        open_edges = [name for name in EDGES if self.block.edges[name].permeable]
+        bath = self._initial[:, np.concatenate([self.grid.edge_vertices(name) for name in open_edges])]
+        return float(np.hypot(*(self._initial[:, :, None] - bath[:, None, :])).min(axis=1).max())
 
-    def durations(self) -> Array:
-        """Durations of the phases, (1, phases), s."""
-        return np.array([[phase.duration for phase in self.case.phase]], dtype=float)
+    def equilibrium_strains(self) -> Array:
+        """Nothing: the strain of a block in equilibrium takes a run to find."""
+        return np.zeros(0)
 
-    def start(self) -> State:
-        """State of the equilibrated block."""
-        state = self._initial
-        copies = {name: getattr(state, name).copy() for name in ("unknowns", "contents", "fluxes", "phase", "time")}
-        loads = {name: value.copy() for name, value in state.loads.items()}
-        return replace(state, **copies, loads=loads, elapsed=state.elapsed.copy())
+    def loads(self) -> list[list[Load | None]]:
+        """Each load of the block in each phase; what a phase does not name goes on as it is."""
+        if self.held is None:
+            held = {name: Load(0.0) for name in self.body.load_names if name.endswith(".pressure")}
+            held["bath"] = Load(self.case.bath.concentration)
+        else:
+            before = zip(self.body.load_names, self.held, strict=True)
+            held = {name: Load(float(value)) for name, value in before if not np.isnan(value)}
+        phases: list[list[Load | None]] = []
+        for phase in self.case.phase:
+            held = {name: Load(load.target) for name, load in held.items()}
+            for name, value in phase.loads().items():
+                part = name.split(".")[0]
+                held = {other: load for other, load in held.items() if other.split(".")[0] != part}
+                rest = self._rest[name] if name.endswith(".displacement") else 0.0
+                held[name] = Load(rest + final_value(value), value.over if isinstance(value, Ramp) else 0.0)
+            phases.append([held.get(name) for name in self.body.load_names])
+        return phases
 
-    def books(self, state: State) -> ConservationBooks:
-        """Books on the balances, from a state on."""
-        cations = self._cation_contents if len(self.block.balances) > 1 else None
-        return ConservationBooks(self.system.volumes, self.block.balances, state, cations)
+    def protocol(self, durations: Sequence[float], times: Sequence[float] | None = None) -> Protocol:
+        """Protocol with phases of given durations; ``times`` are outputs to record instead of the case's own."""
+        due: Any = output_times(self.case, durations) if times is None else np.asarray(times)
+        return make_protocol(self.loads(), durations, due)
 
-    def _cation_contents(self, unknowns: Array) -> Array:
-        """Cations per reference volume, (1, cells)."""
-        positions, potentials = self.block.positions(unknowns[0, 0]), self.block.potentials(unknowns[0, 0])
-        return self.block.term.cells.cation_contents(self.block.volume_ratio(positions), potentials[1])
-
-    def drives(self) -> dict[str, Drive]:
-        """Driven quantities over the phases; what a phase does not name goes on as it is."""
-        names, phases = drive_names(self.block.edges), self.case.phase
-        target = {name: np.full((1, len(phases)), np.nan) for name in names}
-        over = {name: np.zeros((1, len(phases))) for name in names}
-        held: dict[str, float] = {"bath": self.case.bath.concentration}
-        held |= {name: 0.0 for name in names if name.endswith(".pressure")}
-        for p, phase in enumerate(phases):
-            named = {"bath": phase.bath_concentration}
-            for edge in EDGES:
-                load = getattr(phase, edge)
-                if load is not None:
-                    held = {name: value for name, value in held.items() if not name.startswith(f"{edge}.")}
-                    named |= {f"{edge}.{kind}": getattr(load, kind) for kind in _LOADS}
-            for name, value in named.items():
-                if value is not None:
-                    rest = self._initial.loads[name][0] if name.endswith(".displacement") else 0.0
-                    held[name] = rest + final_value(value)
-                    over[name][0, p] = value.over if isinstance(value, Ramp) else 0.0
-            for name, value in held.items():
-                target[name][0, p] = value
-        return {name: Drive(target[name], over[name]) for name in names}
-
-    def protocol(self, duration: Array) -> Protocol:
-        """Protocol with phases of the given durations."""
-        drives, case = self.drives(), self.case
-        targets = phase_targets(duration, drives.values(), case.time.fixed_steps, case.output.times or ())
-        return Protocol(duration, drives, targets)
-
-    def control(self) -> StepControl:
+    def control(self) -> Control:
         """How the steps are chosen."""
-        time = self.case.time
-        if time.fixed_steps is not None:
-            return StepControl(BACKWARD_EULER)
-        finest = min(np.diff(nodes).min() for nodes in self.case.grid_nodes())
-        first = (
-            FIRST_STEP * finest**2 / float((self.tissue.hydraulic_permeability * aggregate_modulus(self.tissue)).max())
-        )
-        return StepControl(SDIRK2, time.tolerance * self.largest_strain(), time.max_step or np.inf, first)
+        return step_control(self.case, self.largest_strain(), self.first_step())
 
-    def largest_strain(self) -> Array:
-        """Largest strain at rest that the loads would bring about in a column of the mean tissue, (1,).
+    def first_step(self) -> float:
+        """Step to start with where loads jump, s: a part of the time in which the finest cell consolidates."""
+        geometry: Any = self.case.geometry
+        finest = min(np.diff(nodes).min() for nodes in geometry.grid_nodes())
+        return FIRST_STEP * float(finest) ** 2 / float(np.max(self._mobility()))
 
-        It only scales the tolerance: a block's strain at rest takes a run to find.
+    def consolidation_time(self) -> float:
+        """Square of the drainage length over k H, H being the aggregate modulus at J = 1, s."""
+        return self.drainage_length**2 / float(np.min(self._mobility()))
+
+    def largest_strain(self) -> float:
+        """Largest strain in equilibrium that the loads would bring about in a column of the mean tissue.
+
+        It only scales the tolerance: the strain of a block in equilibrium takes a run to find.
         """
-        drives, case, mixture = self.drives(), self.case, self.block.term.cells
-        areas = self.block.edge_areas(self.block.positions(self._initial.unknowns[0, 0]))
-        strains = []
-        for p in range(len(case.phase)):
-            value = {name: np.nan_to_num(drive.target[0, p]) for name, drive in drives.items()}
+        tissue, strains = self.block.cells, []
+        areas = self.block.edge_areas(self._initial)
+        start = equilibrium_volume_ratio(tissue, 0.0, self.case.bath.concentration).mean()
+        for loads in self.loads():
+            value = {n: load.target for n, load in zip(self.body.load_names, loads, strict=True) if load is not None}
             pressures = [value.get(f"{edge}.pressure", 0.0) for edge in EDGES]
-            pressures += [value[name] / area for edge, area in zip(EDGES, areas, strict=True)
-                          if (name := f"{edge}.force") in value]  # fmt: skip
-            largest = max(pressures, key=abs)
-            rest = [
-                equilibrium_volume_ratio(
-                    mixture.tissue, pressure, bath, mixture.bath_osmotic_coefficient, mixture.model.swelling
-                ).mean()
-                for pressure, bath in ((0.0, case.bath.concentration), (largest, value["bath"]))
-            ]
-            strains.append(abs(rest[1] / rest[0] - 1.0))
+            forces = ((f"{edge}.force", area) for edge, area in zip(EDGES, areas, strict=True))
+            pressures += [value[name] / area for name, area in forces if name in value]
+            end = equilibrium_volume_ratio(tissue, max(pressures, key=abs), value["bath"]).mean()
+            strains.append(abs(end / start - 1.0))
             for edge, axis in EDGE_AXIS.items():
-                if (name := f"{edge}.displacement") in drives:
-                    moved = drives[name].target[0, p] - self._initial.loads[name][0]
-                    strains.append(abs(np.nan_to_num(moved)) / (case.geometry.width, case.geometry.height)[axis])
-        return np.maximum(np.nanmax(strains, keepdims=True), SMALLEST_STRAIN)
+                if (name := f"{edge}.displacement") in value:
+                    moved = abs(value[name] - self._rest[name])
+                    strains.append(moved / self._extent[axis])
+        return max(float(np.nanmax(strains)), SMALLEST_STRAIN)
 
     def strain(self, state: State) -> float:
-        """Change of the mean height over the height at rest."""
-        return self._mean_height(state) / self._height - 1.0
+        """Change of the mean height over that in equilibrium."""
+        height = self.body.mean_height(self.block.positions(state.unknowns))
+        return float(height / self.body.initial_height - 1.0)
 
-    def fields(self, state: State) -> dict[str, Array]:
-        """Fields to record."""
-        displacement = self.block.positions(state.unknowns[0, 0]) - self.grid.vertices
-        start = self.block.positions(self._initial.unknowns[0, 0]) - self.grid.vertices
-        moved = (displacement - start)[:, self.probe]
-        height = self._mean_height(state)
+    def fields(self, record: Record) -> dict[str, Array]:
+        """Fields of all outputs of a record."""
+        outputs = int(record.filled[0])
+        positions = np.stack([self.block.positions(unknowns) for unknowns in record.unknowns[:outputs]])
+        moved = positions[:, :, self.probe] - self._initial[:, self.probe]
+        height = self.body.mean_height(positions)
         return {
-            "global_strain": np.array(height / self._height - 1.0),
-            "height": np.array(height),
-            "probe_displacement_x": moved[0],
-            "probe_displacement_y": moved[1],
-            **block_fields(self.block, state),
+            "global_strain": height / self.body.initial_height - 1.0,
+            "height": height,
+            "probe_displacement_x": moved[:, 0],
+            "probe_displacement_y": moved[:, 1],
+            **block_fields(self.body, record),
         }
 
     def place(self, balance: str, point: int) -> str:
-        """Where a point of the residual of a balance lies: a vertex for momentum, else a cell."""
+        """Where a point of a balance lies: a vertex for momentum, else a cell."""
         x, y = (self.grid.vertices if balance == "momentum" else self.grid.centres)[:, point]
         return f"x = {x:.3g} mm, y = {y:.3g} mm"
 
-    def layout(self, duration: Array) -> Layout:
+    def layout(self, durations: Sequence[float]) -> Layout:
         """Layout of the result, by the UGRID conventions."""
         grid = self.grid
         connectivity = {"_FillValue": np.int32(-1), "start_index": np.int32(0)}
@@ -239,7 +212,7 @@ class BlockRun:
                 "face_nodes": (("face", "corner"), grid.cell_vertices.T.astype(np.int32),
                                connectivity | {"cf_role": "face_node_connectivity", "long_name": "corners"}),
                 **coordinates,
-                "phase_end": (("phase",), np.cumsum(duration[0]), FIELDS["phase_end"].attributes),
+                "phase_end": (("phase",), np.cumsum(durations), FIELDS["phase_end"].attributes),
                 "probe": (("axis",), probe, {"units": "mm", "long_name": "the probe, stress-free"}),
             },
             location_dimensions={"cell": "face", "node": "node"},
@@ -249,24 +222,35 @@ class BlockRun:
             mesh="mesh",
         )  # fmt: skip
 
-    def _mean_height(self, state: State) -> float:
-        positions = self.block.positions(state.unknowns[0, 0])
-        top, bottom = (self.grid.edge_vertices(edge) for edge in ("top", "bottom"))
-        x = self.grid.vertices[0, top]
-        weight = x if self.grid.section.rings else np.ones_like(x)  # of the area of the stress-free solid
-        heights = positions[1, top] - positions[1, bottom]
-        return float(np.trapezoid(weight * heights, x) / np.trapezoid(weight, x))
+    @property
+    def _extent(self) -> Array:
+        """Of the stress-free solid along x and y, mm."""
+        extent: Array = np.ptp(self.grid.vertices, axis=1)
+        return extent
+
+    def _mobility(self) -> Array:
+        tissue = self.block.cells
+        mobility: Array = hydraulic_permeability(tissue, 1.0) * aggregate_modulus(tissue.solid, tissue.fluid_fraction)
+        return mobility
 
     def _probe_vertex(self) -> int:
-        geometry = self.case.geometry
-        place = geometry.probe or (geometry.width, geometry.height)
-        return int(np.hypot(*(self.grid.vertices - np.array(place)[:, None])).argmin())
+        geometry: Any = self.case.geometry
+        place = self._extent if geometry.probe is None else np.array(geometry.probe)
+        return int(np.hypot(*(self.grid.vertices - place[:, None])).argmin())
 
 
-def _grid(case: BlockCase) -> BlockGrid:
-    return block_grid(case.geometry.kind, *case.grid_nodes())
-
-
-def _edges(case: BlockCase) -> dict[str, EdgeCondition]:
-    edges = {name: getattr(case.geometry.edges, name) for name in EDGES}
-    return {name: EdgeCondition(edge.displacement, edge.permeable) for name, edge in edges.items()}
+def _equilibrated(case: Case, model: Model, grid: BlockGrid) -> tuple[BlockBody, State]:
+    """The block in equilibrium with its bath, its permeability as the case has it."""
+    geometry: Any = case.geometry
+    edges = {name: getattr(geometry.edges, name) for name in EDGES}
+    conditions = {name: EdgeCondition(edge.displacement, edge.permeable) for name, edge in edges.items()}
+    points = (grid.centres, grid.face_centres, integration_points(grid))
+    cells, faces, solid = (model.tissue(case.tissue_at(at)) for at in points)
+    block = make_block(grid, conditions, model, cells, faces, solid, case.bath.concentration)
+    body, state = equilibrated_body(block)
+    if not model.open_circuit or case.open_circuit_permeability == "state":
+        return body, state
+    ratio: Array | float = 1.0
+    if case.open_circuit_permeability == "initial":
+        ratio = initial_open_circuit_ratio(block, state.unknowns)
+    return start_of(block.with_open_circuit_ratio(ratio), state.unknowns)
