@@ -14,7 +14,7 @@ from fvswell.case.case import Case
 from fvswell.study.study import Study
 
 CASES = Path(__file__).parent.parent / "cases"
-SMALL = {"geometry.cells": 12, "time.steps_per_phase": 8}
+SMALL = {"geometry.cells": 12, "time.scheme": "backward-euler", "time.steps_per_phase": 8}
 
 
 def protocol(name: str = "compression", file: str = "confined_compression.toml", **changes: Any) -> dict[str, Any]:

@@ -1,29 +1,32 @@
-"""A study cut into batches, and the work of one batch: runs of one protocol that march together in each model."""
+"""A study cut into batches, and the work of one batch: runs of one protocol, one after the other."""
 
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-import fvswell
 from fvswell.case.case import Case
+from fvswell.case.errors import CaseError
+from fvswell.errors import SolverError
+from fvswell.physics.models import MODELS
 from fvswell.physics.tissue import Array
-from fvswell.prediction.predictor import coefficient_of_determination
-from fvswell.results.file import COMPLETE
-from fvswell.simulation.relaxation import overlong_ramps, phase_durations, unrelaxed_phase
+from fvswell.prediction.determination import coefficient_of_determination
+from fvswell.results.layout import COMPLETE
+from fvswell.simulation.column_run import ColumnRun
+from fvswell.simulation.relaxation import phase_durations
 from fvswell.study.fields import STRAIN_CURVES
 from fvswell.study.sampling import ModelHistory, model_history
-from fvswell.study.study import Study
+from fvswell.version import __version__
+
+if TYPE_CHECKING:
+    from fvswell.study.study import Study
 
 __all__ = ["LARGEST_BATCH", "Batch", "BatchResult", "plan", "run_batch"]
 
-# Rows: a run costs half as much among 200 as among 50, and hardly less among 1000; but every core should have work.
-LARGEST_BATCH = 200
-_SMALL_BATCH, _FEWEST_BATCHES = 50, 4
-_ROW_BY_ROW = ("tissue.", "bath.", "phase.", "time.relaxation_fraction")  # what rows of a batch may differ in
+LARGEST_BATCH = 50  # runs: some tenths of a second of work, so that little is lost and every core has its share
 
 BatchResult = dict[str, Array]  # by name of a field of the result, the runs along the first axis
 
@@ -42,28 +45,18 @@ class Batch:
 
 
 def plan(study: Study) -> list[Batch]:
-    """Cut the possible runs of a study into batches, the same ones whoever computes them.
-
-    Runs of a batch share protocol, grid and time stepping, and there are at most ``LARGEST_BATCH`` of them; in a small
-    study fewer, so that there is work for several cores.
-    """
-    shared = [i for i, p in enumerate(study.table.parameter) if any(not key.startswith(_ROW_BY_ROW) for key in p.key)]
-    groups: dict[tuple[int, str], list[int]] = defaultdict(list)
-    for run in range(len(study.runs)):
-        if run not in study.impossible:
-            groups[int(study.runs.protocol[run]), repr(study.runs.values[run, shared])].append(run)
-    possible = len(study.runs) - len(study.impossible)
-    rows = min(LARGEST_BATCH, max(_SMALL_BATCH, math.ceil(possible / _FEWEST_BATCHES)))
-    parts = [
-        (protocol, part)
-        for (protocol, _), runs in groups.items()
-        for part in np.array_split(runs, math.ceil(len(runs) / rows))
-    ]
+    """Cut the possible runs of a study into batches of one protocol, the same ones whoever computes them."""
     texts = [case.to_toml() for case in study.cases]
+    parts = []
+    for protocol in range(len(study.cases)):
+        possible = np.array([run not in study.impossible for run in range(len(study.runs))])
+        runs = np.flatnonzero(possible & (study.runs.protocol == protocol))
+        if len(runs):
+            parts += [(protocol, part) for part in np.array_split(runs, math.ceil(len(runs) / LARGEST_BATCH))]
     return [
         Batch(
             index, tuple(map(int, runs)), texts[protocol], tuple(study.changes(run) for run in runs),
-            study.models, study.table.strain_curves, fvswell.__version__,
+            study.models, study.table.strain_curves, __version__,
         )
         for index, (protocol, runs) in enumerate(parts)
     ]  # fmt: skip
@@ -72,71 +65,68 @@ def plan(study: Study) -> list[Batch]:
 def run_batch(batch: Batch) -> BatchResult:
     """Run both models for every parameter set of a batch.
 
-    A run that fails in a model, or has no relaxation time, is told in ``run_status`` and leaves nan.
+    A run that fails in a model, or has no relaxation time, says so in ``run_status`` and leaves nan.
 
     Raises
     ------
     RuntimeError
         If this is another version of fvswell than the one that made the batch.
     """
-    if batch.version != fvswell.__version__:
-        raise RuntimeError(f"this worker has fvswell {fvswell.__version__}, but the study needs {batch.version}")
+    if batch.version != __version__:
+        raise RuntimeError(f"this worker has fvswell {__version__}, but the study needs {batch.version}")
     base = Case.from_toml(batch.case_toml)
-    cases = [base.with_changes(changes) for changes in batch.changes]
-    duration = phase_durations(cases)
-    status = np.array([_duration_status(*each) for each in zip(cases, duration, strict=True)], dtype=object)
-    rows = np.flatnonzero(status == "")
-    result = _nothing(len(cases), len(base.phase), base.time.samples_per_phase)
-    result["phase_duration"] = duration
-    if len(rows):
-        histories = [model_history([cases[row] for row in rows], model, duration[rows]) for model in batch.models]
-        for name, values in _compared(histories, duration[rows]).items():
-            result[name][rows] = values
-        for column, history in enumerate(histories):
-            for name in ("equilibrium_strain", "initial_height", "balance_error"):
-                result[name][rows, column] = getattr(history, name)
-            result[STRAIN_CURVES][rows, column] = history.strain
-            result["final_strain"][rows, column] = history.strain[..., -1]
-        status[rows] = _statuses(batch.models, histories)
+    result = _nothing(len(batch.changes), len(base.phase), base.time.samples_per_phase)
+    status = np.empty(len(batch.changes), dtype=object)
+    for row, changes in enumerate(batch.changes):
+        case = base.with_numbers(changes, checked=True)
+        status[row] = _run(case, batch.models, {name: values[row] for name, values in result.items()})
     if not batch.strain_curves:
         del result[STRAIN_CURVES]
     return result | {"run_status": status.astype(str)}
 
 
-def _duration_status(case: Case, duration: Array) -> str:
-    """What is wrong with the durations found for a run; nothing if it can be run."""
-    return unrelaxed_phase(case, duration) or "; ".join(map(str, overlong_ramps(case, duration)))
+def _run(case: Case, models: tuple[str, str], result: BatchResult) -> str:
+    """Run both models of a case and fill its row of the result; gives its status."""
+    try:
+        first = ColumnRun(case, MODELS[models[0]])
+        durations = phase_durations(case, first)
+        result["phase_duration"][:] = durations
+        runs = (first, ColumnRun(case, MODELS[models[1]], like=first))
+        histories = [model_history(run, durations) for run in runs]
+    except CaseError as error:
+        return "; ".join(map(str, error.problems))
+    except SolverError as error:
+        return str(error).removeprefix(f"{case.source}: ")
+    for name, values in _compared(histories[0], histories[1], np.array(durations)).items():
+        result[name][:] = values
+    for column, history in enumerate(histories):
+        for name in ("equilibrium_strain", "initial_height", "balance_error"):
+            result[name][column] = getattr(history, name)
+        result[STRAIN_CURVES][column] = history.strain
+        result["final_strain"][column] = history.strain[:, -1]
+    problems = [f"{model}: {each.problem}" for model, each in zip(models, histories, strict=True) if each.problem]
+    return "; ".join(problems) or COMPLETE
 
 
 def _nothing(rows: int, phases: int, samples: int) -> BatchResult:
     shapes = {
-        "r_squared": (phases,), "largest_difference": (phases,), "time_of_largest_difference": (phases,),
+        "phase_duration": (phases,), "r_squared": (phases,),
+        "largest_difference": (phases,), "time_of_largest_difference": (phases,),
         "equilibrium_strain": (2, phases), "final_strain": (2, phases), "initial_height": (2,), "balance_error": (2,),
         STRAIN_CURVES: (2, phases, samples),
     }  # fmt: skip
     return {name: np.full((rows, *shape), np.nan) for name, shape in shapes.items()}
 
 
-def _compared(histories: list[ModelHistory], duration: Array) -> BatchResult:
-    """How well the first model stands in for the second in each phase, ``(rows, phases)``."""
-    judged, reference = histories
+def _compared(judged: ModelHistory, reference: ModelHistory, duration: Array) -> BatchResult:
+    """How well the first model stands in for the second in each phase, ``(phases,)``."""
     difference = judged.strain - reference.strain
     samples = difference.shape[-1]
     farthest = np.argmax(np.abs(difference), axis=-1)
-    largest = np.take_along_axis(difference, farthest[..., None], axis=-1)[..., 0]
+    largest = np.take_along_axis(difference, farthest[:, None], axis=-1)[:, 0]
     time = duration * (farthest + 1) / samples
     return {
         "r_squared": coefficient_of_determination(reference.strain, judged.strain),
         "largest_difference": largest,
         "time_of_largest_difference": np.where(np.isnan(largest), np.nan, time),
     }
-
-
-def _statuses(models: tuple[str, str], histories: list[ModelHistory]) -> list[str]:
-    """One line for every row."""
-    rows = zip(*(history.problem for history in histories), strict=True)
-    told = [
-        "; ".join(f"{model}: {problem}" for model, problem in zip(models, problems, strict=True) if problem)
-        for problems in rows
-    ]
-    return [text or COMPLETE for text in told]

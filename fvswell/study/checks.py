@@ -93,10 +93,10 @@ def _unlike_protocols(cases: Sequence[Case | None]) -> Iterator[Finding]:
             yield Finding(("protocol", index, "case"), f"its geometry is {case.geometry.kind}: a study is of columns")
         phases, others = ([phase.name for phase in one.phase] for one in (case, first))
         if phases != others:
-            told = ", ".join(phases)
+            named = ", ".join(phases)
             yield Finding(
                 ("protocol", index, "case"),
-                f"has the phases {told}: all protocols must have the same, and the first has {', '.join(others)}",
+                f"has the phases {named}: all protocols must have the same, and the first has {', '.join(others)}",
             )
         if case.time.samples_per_phase != first.time.samples_per_phase:
             yield Finding(

@@ -14,7 +14,7 @@ class StudyField:
     dimensions: tuple[str, ...]
     units: str
     long_name: str
-    cell_methods: str = ""  # points along the first dimension unless told
+    cell_methods: str = ""  # points along the first dimension unless stated
 
     @property
     def attributes(self) -> dict[str, str]:
@@ -39,7 +39,9 @@ STUDY_FIELDS: dict[str, StudyField] = {
     ),
     "phase_duration": StudyField(_PHASE, "s", "duration of the phase"),
     "final_strain": StudyField(_MODEL, "1", "global strain at the end of the phase"),
-    "equilibrium_strain": StudyField(_MODEL, "1", "global strain at rest under the loads that the phase ends with"),
+    "equilibrium_strain": StudyField(
+        _MODEL, "1", "global strain in equilibrium under the loads that the phase ends with"
+    ),
     "initial_height": StudyField(("run", "model"), "mm", "height of the equilibrated sample"),
     "balance_error": StudyField(
         ("run", "model"), "1", "largest mismatch of a balance in a step, relative to what crossed the boundary",

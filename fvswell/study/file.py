@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import netCDF4
 import numpy as np
-import xarray as xr
 
 from fvswell.errors import OutputError
 from fvswell.physics.tissue import Array
-from fvswell.results.file import COMPLETE
+from fvswell.results.file import COMPLETE, read_dataset
 from fvswell.results.part_file import PartFile
 from fvswell.results.provenance import provenance
 from fvswell.study.batches import Batch, BatchResult
@@ -21,11 +19,15 @@ from fvswell.study.schema import Parameter, varied_quantity
 from fvswell.study.study import Study
 from fvswell.units import DIMENSIONS
 
+if TYPE_CHECKING:
+    import netCDF4
+    import xarray as xr
+
 __all__ = ["read_study", "write_study"]
 
 _COMMENT = (
     "Each run is a parameter set of a design in a protocol, simulated with both models; the parameters are "
-    "coordinates along run. Values that could not be computed are nan, and run_status tells why. Strains are relative "
+    "coordinates along run. Values that could not be computed are nan, and run_status says why. Strains are relative "
     "to the height of the sample equilibrated in the first bath without a load."
 )
 
@@ -81,16 +83,9 @@ def read_study(path: str | Path) -> xr.Dataset:
     Raises
     ------
     OutputError
-        If there is no such file, or it is not the result of a study.
+        If there is no such file, it cannot be read, or it is not the result of a study.
     """
-    path = Path(path)
-    if not path.exists():
-        raise OutputError(f"{path}: no such file")
-    try:
-        with xr.open_dataset(path, decode_times=False, decode_timedelta=False) as file:
-            dataset = file.load()
-    except (OSError, ValueError):
-        raise OutputError(f"{path}: is not a netCDF file") from None
+    dataset = read_dataset(path)
     if "study_toml" not in dataset.attrs:
         raise OutputError(f"{path}: is not the result of a study")
     return dataset

@@ -13,8 +13,9 @@ from fvswell.case.case import Case, CaseError
 from fvswell.case.errors import Problem
 from fvswell.errors import OutputError
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
+from fvswell.physics.permeability import hydraulic_permeability
 from fvswell.physics.tissue import Array
-from fvswell.prediction.case_prediction import bath_osmotic_coefficients, conditions_of, mean_tissue, predict_cases
+from fvswell.prediction.case_prediction import conditions_of, mean_tissue, predict_cases
 from fvswell.prediction.predictor import kind_of_change
 from fvswell.results.file import COMPLETE
 from fvswell.study.study import Study
@@ -38,7 +39,7 @@ class StudyPoints:
     curve: Array  # index in CURVES
     applicability: Array  # f_c in compression and f_s in swelling, Wilson et al. (2005)
     mobility_ratio: Array  # D+ D-/(E k)^2
-    strain: Array  # simulated change of the global strain from rest to rest, over the height at the phase's start
+    strain: Array  # change of the global strain between equilibria, over the height at the phase's start
     r_squared: Array  # simulated
     batches: tuple[tuple[Array, tuple[Case, ...]], ...]  # of each protocol: numbers of complete runs and their cases
 
@@ -77,10 +78,10 @@ def study_points(dataset: xr.Dataset) -> StudyPoints:
     """
     study = Study.from_toml(dataset.attrs["study_toml"], "study")
     if study.models != PAPER_MODELS:
-        told = (
+        message = (
             f"must be a study of {PAPER_MODELS[0]} by {PAPER_MODELS[1]}, not of {study.models[0]} by {study.models[1]}"
         )
-        raise CaseError([Problem("model", "", told)], "study")
+        raise CaseError([Problem("model", "", message)], "study")
     complete = dataset["run_status"].values == COMPLETE
     batches = []
     for protocol in range(len(study.cases)):
@@ -97,16 +98,13 @@ def study_points(dataset: xr.Dataset) -> StudyPoints:
 def _points_of(dataset: xr.Dataset, runs: Array, cases: tuple[Case, ...]) -> dict[str, Array]:
     """Points of the runs of a protocol, by the names of `StudyPoints`."""
     conditions, tissue = conditions_of(cases), mean_tissue(cases)
-    bath = bath_osmotic_coefficients(cases)
-    J = np.concatenate(
-        [equilibrium_volume_ratio(tissue, *each[:2], bath, swelling=True) for each in conditions], axis=1
-    )
-    curve = np.concatenate([kind_of_change(*pair) for pair in pairwise(conditions)], axis=1)
+    J = np.stack([equilibrium_volume_ratio(tissue, *each[:2]) for each in conditions], axis=1)
+    curve = np.stack([kind_of_change(*pair) for pair in pairwise(conditions)], axis=1)
     ratio = tissue.cation_diffusivity * tissue.anion_diffusivity
-    ratio = ratio / (tissue.youngs_modulus * tissue.hydraulic_permeability) ** 2
-    # the paper does not say in which state J is taken: here at rest before the first phase
-    compression = ratio * J[:, :1]
-    swelling = compression * tissue.fixed_charge_density / conditions[0].bath_concentration
+    ratio = ratio / (tissue.solid.youngs_modulus * hydraulic_permeability(tissue, 1.0)) ** 2
+    # the paper does not say in which state J is taken: here in equilibrium before the first phase
+    compression = (ratio * J[:, 0])[:, None]
+    swelling = compression * (tissue.fixed_charge_density / conditions[0].bath_concentration)[:, None]
     with np.errstate(divide="ignore"):  # without fixed charge there is no swelling: f_s is -inf
         number = np.log10(np.where(curve == CURVES.index("swelling"), swelling, compression))
     r_squared = dataset["r_squared"].values[runs]
@@ -116,7 +114,7 @@ def _points_of(dataset: xr.Dataset, runs: Array, cases: tuple[Case, ...]) -> dic
         "phase": phase,
         "curve": curve[row, phase],
         "applicability": number[row, phase],
-        "mobility_ratio": ratio[row, 0],
+        "mobility_ratio": ratio[row],
         "strain": (J[:, 1:] / J[:, :-1] - 1.0)[row, phase],
         "r_squared": r_squared[row, phase],
     }

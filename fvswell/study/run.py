@@ -14,13 +14,13 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-import fvswell
 from fvswell.results.file import refuse_existing
 from fvswell.study.batches import Batch, plan
 from fvswell.study.file import write_study
 from fvswell.study.parts import StudyParts
 from fvswell.study.scheduling import Finished, available_cores, in_this_process, on_cores, on_dask
 from fvswell.study.study import Study
+from fvswell.version import __version__
 
 __all__ = ["StudyOutcome", "StudyProgress", "run_study"]
 
@@ -41,7 +41,7 @@ class StudyOutcome:
 
     path: Path
     runs: int
-    complete: int  # the others tell why in run_status
+    complete: int  # the others say why not in run_status
     resumed: int  # runs that an earlier session had finished
     elapsed: float  # s
 
@@ -75,13 +75,13 @@ def run_study(
     Raises
     ------
     OutputError
-        If the result is there already, belongs to another study, or cannot be written.
+        If the result exists already, belongs to another study, or cannot be written.
     SchedulerError
         If the batches cannot be computed where they should be. The finished ones are kept.
     """
     refuse_existing([path], replace)
     start = time.monotonic()
-    parts = StudyParts(path, hashlib.sha256(f"{study.sha256} {fvswell.__version__}".encode()).hexdigest())
+    parts = StudyParts(path, hashlib.sha256(f"{study.sha256} {__version__}".encode()).hexdigest())
     batches = plan(study)
     finished = parts.finished()
     todo = [batch for batch in batches if batch.index not in finished]

@@ -1,97 +1,52 @@
-"""One model run for a batch of columns: strain histories at equally spaced times of every phase."""
+"""One model of one case, as a study needs it: the strain at equally spaced times of every phase."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
-from fvswell.case.case import Case
-from fvswell.numerics.time_stepping import Marcher, State, Step
-from fvswell.physics.models import MODELS
+from fvswell.column.balances import HEIGHT
 from fvswell.physics.tissue import Array
-from fvswell.simulation.column_batch import ColumnBatch
+from fvswell.simulation.column_run import ColumnRun
+from fvswell.simulation.march import march_all
 
-__all__ = ["ModelHistory", "model_history"]
+__all__ = ["ModelHistory", "model_history", "sample_times"]
 
 
 @dataclass(frozen=True)
 class ModelHistory:
-    """What a model does in every row; nan from where a row stopped on."""
+    """What a model does; nan from where the run stopped on."""
 
-    strain: Array  # (rows, phases, samples), at equally spaced times of the phase, its end included
-    equilibrium_strain: Array  # (rows, phases), under the loads that each phase ends with
-    initial_height: Array  # (rows,), mm
-    balance_error: Array  # (rows,)
-    problem: tuple[str, ...]  # why a row is not to be used, "" where nothing is wrong
+    strain: Array  # (phases, samples), at equally spaced times of the phase, its end included
+    equilibrium_strain: Array  # (phases,), under the loads that each phase ends with
+    initial_height: float  # mm
+    balance_error: float
+    problem: str  # why the run is not to be used, "" where nothing is wrong
 
 
-def model_history(cases: Sequence[Case], model: str, duration: Array) -> ModelHistory:
-    """Run a model for cases that share grid, phases and time scheme.
-
-    Parameters
-    ----------
-    cases
-        One for each row.
-    model
-        Name of the model.
-    duration
-        Of the phases, s, ``(rows, phases)``.
-    """
-    batch = ColumnBatch.of(cases, MODELS[model])
-    recorder = _HeightRecorder()
-    state = batch.start()
-    books = batch.books(state)
-    marcher = Marcher(batch.system, batch.protocol(duration), batch.control(), state, [recorder, books])
-    marcher.run()
-    height = recorder.sampled(batch.initial_height, duration, cases[0].time.samples_per_phase)
-    problem = [books.refusal(row) or "" for row in range(len(cases))]
-    for failure in marcher.failures:
-        place = f"{batch.grid.centres[failure.point]:.3g} mm from the filter"
-        phase = cases[0].phase[failure.phase].name
-        problem[failure.row] = f"stopped at t = {failure.elapsed:.6g} s in phase {phase}: {failure.reason(place)}"
+def model_history(run: ColumnRun, durations: Sequence[float]) -> ModelHistory:
+    """Run a model of a case whose phases have the given durations (s); it has not been run before."""
+    samples = run.case.time.samples_per_phase
+    protocol = run.protocol(durations, times=sample_times(durations, samples))
+    control = run.control()._replace(every=0)
+    record, problem = march_all(run, protocol, control)
+    outputs = int(record.filled[0])
+    strain = np.full(len(durations) * samples, np.nan)
+    strain[:outputs] = record.loads[:outputs, HEIGHT] / run.initial_height - 1.0
     return ModelHistory(
-        strain=height / batch.initial_height[:, None, None] - 1.0,
-        equilibrium_strain=batch.equilibrium_heights() / batch.initial_height[:, None] - 1.0,
-        initial_height=batch.initial_height,
-        balance_error=books.largest,
-        problem=tuple(problem),
+        strain=strain.reshape(len(durations), samples),
+        equilibrium_strain=run.equilibrium_strains(),
+        initial_height=run.initial_height,
+        balance_error=float(record.errors[:outputs].max(initial=0.0)),
+        problem=problem,
     )
 
 
-class _HeightRecorder:
-    """Observer that keeps height and rate of every row at the ends of its steps."""
-
-    def __init__(self) -> None:
-        self._records: list[Array] = []  # (5, rows of the step): row, phase, time since it began, height, rate
-
-    def __call__(self, state: State, step: Step) -> None:
-        own = step.rows
-        records = (own, state.phase[own], state.time[own], state.loads["height"][own], state.fluxes[0, own, 0])
-        self._records.append(np.array(records, dtype=float))
-
-    def sampled(self, initial: Array, duration: Array, samples: int) -> Array:
-        """Heights at equally spaced times of the phases, ``(rows, phases, samples)``, nan where a row did not come to.
-
-        Between the ends of steps by cubic Hermite interpolation, which the rates make as accurate as the steps are.
-        """
-        rows, phases = duration.shape
-        height = np.full((rows, phases, samples), np.nan)
-        fractions = np.arange(1, samples + 1) / samples
-        record = np.concatenate([np.empty((5, 0)), *self._records], axis=1)
-        place = (record[0] * phases + record[1]).astype(int)
-        order = np.argsort(place, kind="stable")  # the steps of a row in a phase, in the order they were taken
-        visited, first = np.unique(place[order], return_index=True)
-        last = initial.copy()
-        for index, (begin, end) in zip(visited, pairwise([*first, len(order)]), strict=True):
-            row, phase = divmod(index, phases)
-            own = record[2:, order[begin:end]]
-            time, node_height = np.append(0.0, own[0]), np.append(last[row], own[1])
-            chord = (node_height[1] - node_height[0]) / time[1]  # the rate is not known where loads jump
-            spline = CubicHermiteSpline(time, node_height, np.append(chord, own[2]), extrapolate=False)
-            height[row, phase] = spline(duration[row, phase] * fractions)
-            last[row] = node_height[-1]
-        return height
+def sample_times(durations: Sequence[float], samples: int) -> list[float]:
+    """Equally spaced times of all phases, s since the run began."""
+    shares = np.arange(1, samples + 1) / samples
+    starts = np.cumsum([0.0, *durations[:-1]])
+    times: list[float] = (starts[:, None] + np.array(durations)[:, None] * shares).ravel().tolist()
+    return times

@@ -62,7 +62,7 @@ def on_cores(batches: Sequence[Batch], processes: int) -> Finished:
                 yield index, future.result()
     except BrokenProcessPool:
         raise SchedulerError(
-            "a process of the study was killed, perhaps for want of memory; the finished batches are kept, and the "
+            "a process of the study was killed, perhaps because memory ran out; the finished batches are kept, and the "
             "same command goes on with the others"
         ) from None
     finally:

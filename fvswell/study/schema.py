@@ -15,7 +15,8 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from fvswell.case.errors import nearest_name, shown
 from fvswell.case.reading import value_type
-from fvswell.case.schema import MODELS, CaseTable, Table, inner_tables, is_array
+from fvswell.case.schema import MODELS, CaseTable
+from fvswell.case.tables import Table, inner_tables, is_array
 from fvswell.case.values import Choice, Count, Flag, Load, Name, Quantity, Text, ValueType
 
 __all__ = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
@@ -26,7 +26,7 @@ from fvswell.study.schema import StudyTable
 
 __all__ = ["Study", "load_study"]
 
-_MOST_TOLD = 10  # impossible parameter sets that are listed one by one
+_MOST_LISTED = 10  # impossible parameter sets that are listed one by one
 _HEADER = "# Plain numbers are in mm, N, s, mmol, K: MPa, mmol/mm^3, mm^4/(N s), mm^2/s.\n"
 
 
@@ -98,7 +98,7 @@ class Study:
 
     def case(self, run: int) -> Case:
         """The case of a run; CaseError if it is impossible."""
-        return self.cases[self.runs.protocol[run]].with_changes(self.changes(run))
+        return self.cases[self.runs.protocol[run]].with_numbers(self.changes(run))
 
     def parameter_values(self) -> Array:
         """Value of every parameter in every run, ``(runs, parameters)``; nan where the case has no such number."""
@@ -136,7 +136,7 @@ def load_study(path: str | PathLike[str]) -> Study:
 def _with_whole_cases(
     content: dict[str, Any], directory: Path
 ) -> tuple[dict[str, Any], list[Case | None], list[Problem]]:
-    """Put the cases of the protocols in their place; what is malformed stays, for the schema to tell."""
+    """Put the cases of the protocols in their place; what is malformed stays, for the schema to report."""
     protocols = content.get("protocol")
     if not isinstance(protocols, list):
         return content, [], []
@@ -182,38 +182,42 @@ def _changes(table: StudyTable, values: Array) -> dict[str, float]:
 
 def _impossible_runs(table: StudyTable, cases: Sequence[Case], runs: Runs, source: str) -> dict[int, str]:
     """Runs that cannot be made and why; CaseError if the study is to be refused for them."""
-    reasons = {run: reason for run in range(len(runs)) if (reason := _impossibility(table, cases, runs, run))}
+    models = _models_to_check(table)
+    to_check = [[case.with_changes({"model": model}) for model in models] for case in cases]
+    reasons: dict[int, str] = {}
+    for run, protocol in enumerate(runs.protocol):
+        changes = _changes(table, runs.values[run])
+        if reason := _impossibility(to_check[protocol], changes):
+            reasons[run] = reason
     if not reasons or (table.impossible == "skip" and len(reasons) < len(runs)):
         return reasons
-    problems = [_told(table, runs, run, reason) for run, reason in list(reasons.items())[:_MOST_TOLD]]
-    if len(reasons) > _MOST_TOLD:
-        problems.append(Problem("", "", f"and {len(reasons) - _MOST_TOLD} more of {len(runs)} parameter sets"))
+    problems = [_listed(table, runs, run, reason) for run, reason in list(reasons.items())[:_MOST_LISTED]]
+    if len(reasons) > _MOST_LISTED:
+        problems.append(Problem("", "", f"and {len(reasons) - _MOST_LISTED} more of {len(runs)} parameter sets"))
     if table.impossible == "refuse":
         advice = 'narrow the ranges, or leave such sets out with impossible = "skip"'
         problems.append(Problem("impossible", shown(table.impossible), advice))
     raise CaseError(problems, source)
 
 
-def _impossibility(table: StudyTable, cases: Sequence[Case], runs: Runs, run: int) -> str:
-    """Why a parameter set cannot be, "" if it can."""
-    changes = _changes(table, runs.values[run])
-    for model in _models_to_check(table):
+def _impossibility(cases: Sequence[Case], changes: Mapping[str, float]) -> str:
+    """Why a parameter set cannot be in one of some cases, "" if it can."""
+    for case in cases:
         try:
-            cases[runs.protocol[run]].with_changes(changes | {"model": model})
+            case.with_numbers(changes)
         except CaseError as error:
             return "; ".join(map(str, error.problems))
     return ""
 
 
-def _models_to_check(table: StudyTable) -> Iterator[str]:
+def _models_to_check(table: StudyTable) -> list[str]:
     """Models whose equilibria differ: the two that swell have the same."""
     models = (table.model, table.reference_model)
-    if "biphasic" in models:
-        yield "biphasic"
-    yield next(model for model in models if model != "biphasic")
+    swelling = next(model for model in models if model != "biphasic")
+    return ["biphasic", swelling] if "biphasic" in models else [swelling]
 
 
-def _told(table: StudyTable, runs: Runs, run: int, reason: str) -> Problem:
+def _listed(table: StudyTable, runs: Runs, run: int, reason: str) -> Problem:
     names = (parameter.name for parameter in table.parameter)
     values = {name: v for name, v in zip(names, runs.values[run], strict=True) if not math.isnan(v)}
     text = ", ".join(f"{name} = {value:.4g}" for name, value in values.items())
