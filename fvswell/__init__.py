@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Any
 
+from fvswell.version import __version__
+
 if TYPE_CHECKING:
     from fvswell.analysis.comparison import compare
     from fvswell.case.case import Case, CaseError, load_case
@@ -14,13 +16,13 @@ if TYPE_CHECKING:
 
 os.environ.setdefault("FIPY_SOLVERS", "scipy")  # FiPy chooses its solvers when it is imported
 
-__version__ = "0.1.0"
-
 _HOMES = {
     "Case": "case.case", "CaseError": "case.errors", "load_case": "case.case", "compare": "analysis.comparison",
     "run": "simulation.run", "read_result": "results.file", "OutputError": "errors", "SolverError": "errors",
 }  # fmt: skip
-__all__ = ["Case", "CaseError", "OutputError", "SolverError", "compare", "load_case", "read_result", "run"]
+__all__ = [
+    "Case", "CaseError", "OutputError", "SolverError", "__version__", "compare", "load_case", "read_result", "run",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

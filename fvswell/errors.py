@@ -1,4 +1,4 @@
-"""Errors that are told to the user in a line, not as a traceback."""
+"""Errors that a user sees in a line, not as a traceback."""
 
 from __future__ import annotations
 

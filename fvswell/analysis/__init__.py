@@ -1,1 +1,1 @@
-"""What runs and studies tell: comparison, fit, characteristic numbers, rules, advice, sensitivity."""
+"""What runs and studies show: comparison, fit, characteristic numbers, rules, advice, sensitivity."""

@@ -11,18 +11,14 @@ import numpy as np
 from fvswell.analysis.characteristics import Characteristics, characteristics
 from fvswell.analysis.prediction_accuracy import Accuracy, known_accuracy
 from fvswell.case.case import Case, CaseError
+from fvswell.case.geometry import ColumnGeometry
 from fvswell.exact.linear_swelling import salt_outdraws_osmosis
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
-from fvswell.physics.models import BIPHASIC_SWELLING, ELECTROCHEMICAL, Mixture
-from fvswell.physics.tissue import Array
-from fvswell.prediction.case_prediction import (
-    bath_osmotic_coefficients,
-    conditions_of,
-    is_uniform,
-    mean_tissue,
-    predict_cases,
-    unpredictable,
-)
+from fvswell.physics.models import BIPHASIC_SWELLING, ELECTROCHEMICAL
+from fvswell.physics.osmotic import bath_log_activity
+from fvswell.physics.permeability import hydraulic_permeability
+from fvswell.physics.tissue import Array, Tissue
+from fvswell.prediction.case_prediction import conditions_of, is_uniform, mean_tissue, predict_cases, unpredictable
 from fvswell.prediction.predictor import Prediction, kind_of_change
 from fvswell.study.points import CURVES
 
@@ -31,7 +27,7 @@ __all__ = ["ADEQUATE", "GOOD", "Advice", "PhaseAdvice", "advise"]
 GOOD = 0.99  # R^2 from which the reduced model is taken to be as good
 ADEQUATE = 0.9  # from which it follows the course of the strain
 _SLOWEST_MODE = 0.25 * np.pi**2  # its decay in one diffusion time, of a column drained at one end
-_AT_REST = 0.05  # of a change still to come
+_EQUILIBRATED = 0.05  # of a change still to come
 
 
 @dataclass(frozen=True)
@@ -45,7 +41,7 @@ class PhaseAdvice:
     r_squared: float  # of the biphasic-swelling by the electrochemical model
     r_squared_range: tuple[float, float]  # in which nine of ten simulated ones lie around such a prediction
     largest_difference: float  # of the strains, biphasic-swelling less electrochemical
-    largest_share: float  # the same over the phase's change of strain from rest to rest, in magnitude
+    largest_share: float  # the same over the phase's change of strain between equilibria, in magnitude
     time_of_largest: float  # s since the phase began
     consolidation_time: float  # h^2 over the larger diffusivity of volume and salt together, s
     diffusion_time: float  # h^2 over the smaller one, s
@@ -60,7 +56,7 @@ class Advice:
     phases: tuple[PhaseAdvice, ...]  # none where the case cannot be predicted
     unpredictable: str  # why it cannot, or ""
     uniform: bool  # else mean properties stand for a tissue that varies
-    salt_outdraws_osmosis: bool  # whether salt moves water toward the weaker solution, in the first state of rest
+    salt_outdraws_osmosis: bool  # whether salt moves water toward the weaker solution, in the first equilibrium
     accuracy_source: str
     beyond: tuple[str, ...]  # what sets the case apart from those that the accuracy is known of
     model: str  # recommended
@@ -76,7 +72,7 @@ def advise(case: Case) -> Advice:
         If the case is not of a column.
     """
     problems = unpredictable(case)
-    if case.geometry.kind != "column":
+    if not isinstance(case.geometry, ColumnGeometry):
         raise CaseError(problems, case.source)
     accuracy = known_accuracy()
     if problems:
@@ -91,7 +87,7 @@ def advise(case: Case) -> Advice:
         phases=phases,
         unpredictable="; ".join(map(str, problems)),
         uniform=is_uniform(case),
-        salt_outdraws_osmosis=bool(salt_outdraws_osmosis(*_first_rest(case)).item()),
+        salt_outdraws_osmosis=bool(salt_outdraws_osmosis(*_first_equilibrium(case)).item()),
         accuracy_source=accuracy.source,
         beyond=tuple(_beyond(case, phases)),
         model=model,
@@ -102,13 +98,13 @@ def advise(case: Case) -> Advice:
 def _phases(case: Case, prediction: Prediction, accuracy: Accuracy) -> tuple[PhaseAdvice, ...]:
     changes = pairwise(conditions_of([case]))
     kinds = [kind_of_change(*change).item() for change in changes]
-    rest = prediction.equilibrium_strain[0]
-    before = np.append(0.0, rest[:-1])
+    end = prediction.equilibrium_strain[0]
+    before = np.append(0.0, end[:-1])
     height = case.geometry.height * _initial_stretch(case)
     advice = []
     for p, (phase, kind) in enumerate(zip(case.phase, kinds, strict=True)):
         r_squared = float(prediction.r_squared[0, p])
-        change = float(rest[p] - before[p])
+        change = float(end[p] - before[p])
         expected = accuracy.expected(CURVES[kind] if kind >= 0 else None, change / (1.0 + float(before[p])))
         factor = expected.ninth_decile_factor
         largest = float(prediction.largest_difference[0, p])
@@ -118,7 +114,7 @@ def _phases(case: Case, prediction: Prediction, accuracy: Accuracy) -> tuple[Pha
                 name=phase.name,
                 change=CURVES[kind] if kind >= 0 else "",
                 duration=float(prediction.phase_duration[0, p]),
-                equilibrium_strain=float(rest[p]),
+                equilibrium_strain=float(end[p]),
                 r_squared=r_squared,
                 r_squared_range=(1.0 - (1.0 - r_squared) * factor, 1.0 - (1.0 - r_squared) / factor),
                 largest_difference=largest,
@@ -133,28 +129,27 @@ def _phases(case: Case, prediction: Prediction, accuracy: Accuracy) -> tuple[Pha
 
 
 def _beyond(case: Case, phases: Sequence[PhaseAdvice]) -> Iterator[str]:
-    """What sets a case apart from the study: uniform tissue of the paper's laws, load or bath changed at rest."""
+    """What sets a case apart from the study: uniform tissue of the paper's laws, changed in equilibrium."""
     if not is_uniform(case):
         yield "a tissue that varies with depth"
     if case.tissue.solid != "neo-hookean":
         yield f"a {case.tissue.solid} solid"
-    if case.tissue.permeability_exponent != 0.0:
+    if np.ptp(hydraulic_permeability(mean_tissue([case]), np.array([0.9, 1.0, 1.1]))) > 0.0:
         yield "a permeability that varies with strain"
-    if any(np.exp(-_SLOWEST_MODE * phase.duration / phase.diffusion_time) > _AT_REST for phase in phases[:-1]):
-        yield "a change before the last one has come to rest"
+    if any(np.exp(-_SLOWEST_MODE * phase.duration / phase.diffusion_time) > _EQUILIBRATED for phase in phases[:-1]):
+        yield "a change before the last one is over"
     if any(not phase.change and not np.isnan(phase.r_squared) for phase in phases):
         yield "load and bath changed at once"
 
 
-def _first_rest(case: Case) -> tuple[Mixture, Array, Array]:
-    """The tissue, by its mean properties, and J and ln c~ at rest in the first bath."""
-    tissue, bath = mean_tissue([case]), bath_osmotic_coefficients([case])
-    J = equilibrium_volume_ratio(tissue, 0.0, case.bath.concentration, bath, swelling=True)
-    return Mixture(ELECTROCHEMICAL, tissue, bath), J, np.log(case.bath.concentration) + np.zeros_like(J)
+def _first_equilibrium(case: Case) -> tuple[Tissue, Array, Array]:
+    """The tissue, by its mean properties, and J and ln a~ in equilibrium with the first bath, ``(1,)``."""
+    tissue, bath = mean_tissue([case]), np.array([case.bath.concentration])
+    return tissue, equilibrium_volume_ratio(tissue, 0.0, bath), bath_log_activity(tissue.osmotic, bath)
 
 
 def _initial_stretch(case: Case) -> float:
-    return float(_first_rest(case)[1].item())
+    return float(_first_equilibrium(case)[1].item())
 
 
 def _recommendation(phases: Sequence[PhaseAdvice]) -> tuple[str, str]:
@@ -165,16 +160,16 @@ def _recommendation(phases: Sequence[PhaseAdvice]) -> tuple[str, str]:
     worst = min(judged, key=lambda phase: phase.r_squared_range[0])
     backward = [phase.name for phase in judged if phase.flows_backward_first]
     error = f"largest error {100.0 * worst.largest_share:.2g} % of the strain"
-    told = f"{worst.name}: R^2 about {worst.r_squared:.3g}, {error}"
+    found = f"{worst.name}: R^2 about {worst.r_squared:.3g}, {error}"
     if worst.r_squared_range[0] >= GOOD:
-        return BIPHASIC_SWELLING.name, f"it follows the full model closely even where it is worst ({told})"
+        return BIPHASIC_SWELLING.name, f"it follows the full model closely even where it is worst ({found})"
     if worst.r_squared_range[0] >= ADEQUATE:
         return BIPHASIC_SWELLING.name, (
-            f"it follows the course of the strain, with visible errors after each change ({told}); use electrochemical "
-            "where these or the ions matter"
+            f"it follows the course of the strain, with visible errors after each change ({found}); use "
+            "electrochemical where these or the ions matter"
         )
     return ELECTROCHEMICAL.name, "; ".join(
-        [f"the biphasic-swelling model may fail ({told})", _cause(worst), *_backward(backward)]
+        [f"the biphasic-swelling model may fail ({found})", _cause(worst), *_backward(backward)]
     )
 
 

@@ -1,4 +1,4 @@
-"""Numbers that tell what to expect of a case before it is run: rest states, times and permeabilities."""
+"""Numbers that say what to expect of a case before it is run: equilibria, times and permeabilities."""
 
 from __future__ import annotations
 
@@ -6,31 +6,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvswell.case.case import BlockCase, Case
-from fvswell.physics.electrochemistry import ion_concentrations
+from fvswell.case.case import Case
 from fvswell.physics.models import ELECTROCHEMICAL, MODELS
-from fvswell.physics.permeability import open_circuit_ratio
-from fvswell.physics.solid import aggregate_modulus
-from fvswell.physics.tissue import Array, Tissue
-from fvswell.simulation.column_batch import ColumnBatch
+from fvswell.physics.osmotic import bath_log_activity, ion_concentrations
+from fvswell.physics.permeability import hydraulic_permeability, open_circuit_ratio
+from fvswell.physics.solids import aggregate_modulus
+from fvswell.physics.tissue import Array, Tissue, fixed_charge_density
+from fvswell.simulation.run import Setup, make_setup
 
-__all__ = ["Characteristics", "RestStates", "characteristics", "salt_diffusivity"]
+__all__ = ["Characteristics", "Equilibria", "characteristics", "salt_diffusivity"]
 
 
 @dataclass(frozen=True)
-class RestStates:
-    """Where a model is at rest; nan where it has no water left."""
+class Equilibria:
+    """Where a model is in equilibrium; nan where it has no water left."""
 
     initial_stretch: float  # height of the equilibrated sample over that of the stress-free solid
     initial_volume_ratio: float  # volume of the equilibrated sample over that of the stress-free solid
-    equilibrium_strain: tuple[float, ...]  # of columns, under the loads that each phase ends with
+    strain: tuple[float, ...]  # of columns, under the loads that each phase ends with
 
 
 @dataclass(frozen=True)
 class Characteristics:
     """Derived numbers of a case."""
 
-    rest: dict[str, RestStates]  # by model
+    equilibria: dict[str, Equilibria]  # by model
     open_circuit_ratio: tuple[float, float]  # k_open/k of the equilibrated sample, least and largest
     drainage_length: float  # farthest way to the bath, mm: of columns the height of the equilibrated sample
     consolidation_time: float  # drainage length squared/(k H), s
@@ -43,22 +43,22 @@ def characteristics(case: Case) -> Characteristics:
     Raises
     ------
     SolverError
-        If no state at rest is found for a block.
+        If no equilibrium is found for a block.
     """
-    if isinstance(case, BlockCase):
-        return _of_block(case)
-    batches = {name: ColumnBatch.of([case], model) for name, model in MODELS.items()}
-    full = batches[ELECTROCHEMICAL.name]
-    tissue, J = full.cells.tissue, full.initial_volume_ratio
-    ions = ion_concentrations(tissue, J, np.log(case.bath.concentration))
-    ratio = open_circuit_ratio(tissue, J, *ions)
-    diffusivity = salt_diffusivity(tissue, *ions).min()
+    setups = {name: make_setup(case, model) for name, model in MODELS.items()}
+    full = setups[ELECTROCHEMICAL.name]
+    tissue, J = full.tissue, full.initial_volume_ratio
+    activity = bath_log_activity(tissue.osmotic, case.bath.concentration)
+    ions = ion_concentrations(tissue.osmotic, fixed_charge_density(tissue, J), activity)
+    ratio = np.atleast_1d(open_circuit_ratio(tissue, J, *ions))
+    consolidation = hydraulic_permeability(tissue, 1.0) * aggregate_modulus(tissue.solid, tissue.fluid_fraction)
+    length = full.drainage_length
     return Characteristics(
-        rest={name: _rest_states(batch) for name, batch in batches.items()},
+        equilibria={name: _equilibria(setup) for name, setup in setups.items()},
         open_circuit_ratio=(float(ratio.min()), float(ratio.max())),
-        drainage_length=float(full.initial_height[0]),
-        consolidation_time=float(full.consolidation_time()[0]),
-        diffusion_time=float(full.initial_height[0] ** 2 / diffusivity),
+        drainage_length=length,
+        consolidation_time=float(length**2 / np.min(consolidation)),
+        diffusion_time=float(length**2 / np.min(salt_diffusivity(tissue, *ions))),
     )
 
 
@@ -72,35 +72,6 @@ def salt_diffusivity(tissue: Tissue, cation: Array, anion: Array) -> Array:
     return (cation + anion) * D_cation * D_anion / (cation * D_cation + anion * D_anion)
 
 
-def _rest_states(batch: ColumnBatch) -> RestStates:
-    height = float(batch.initial_height[0])
-    strain = batch.equilibrium_heights()[0] / height - 1.0
-    stretch = height / float(batch.grid.widths.sum())
-    return RestStates(stretch, stretch, tuple(strain.tolist()))
-
-
-def _of_block(case: BlockCase) -> Characteristics:
-    from fvswell.simulation.block_run import BlockRun  # which columns need not wait for
-
-    runs = {}
-    for name in MODELS:
-        changed = case.with_changes({"model": name})
-        assert isinstance(changed, BlockCase)
-        runs[name] = BlockRun(changed)
-    full = runs[ELECTROCHEMICAL.name]
-    tissue, J = full.tissue, full.initial_volume_ratio
-    ions = ion_concentrations(tissue, J, np.log(full.case.bath.concentration))
-    ratio = open_circuit_ratio(tissue, J, *ions)
-    length = full.drainage_length
-    slowest = (tissue.hydraulic_permeability * aggregate_modulus(tissue)).min()
-    volumes = full.grid.volumes
-    return Characteristics(
-        rest={
-            name: RestStates(run.initial_stretch, float(run.initial_volume_ratio[0] @ volumes / volumes.sum()), ())
-            for name, run in runs.items()
-        },
-        open_circuit_ratio=(float(ratio.min()), float(ratio.max())),
-        drainage_length=length,
-        consolidation_time=float(length**2 / slowest),
-        diffusion_time=float(length**2 / salt_diffusivity(tissue, *ions).min()),
-    )
+def _equilibria(setup: Setup) -> Equilibria:
+    volume_ratio = float(setup.initial_volume_ratio @ setup.volumes / setup.volumes.sum())
+    return Equilibria(setup.initial_stretch, volume_ratio, tuple(setup.equilibrium_strains().tolist()))

@@ -8,10 +8,9 @@ definition, and those of its pressure are compared instead.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import astuple, dataclass, fields
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -25,13 +24,11 @@ from fvswell.analysis.histories import (
     profile_at,
     rounding_of,
 )
-from fvswell.block.sides import EDGES
-from fvswell.case.case import MODELS, BlockCase, Case, CaseError
+from fvswell.case.case import MODELS, Case, CaseError
 from fvswell.case.errors import Problem
 from fvswell.physics.tissue import Array
-from fvswell.prediction.predictor import NO_VARIATION, coefficient_of_determination
-from fvswell.results.moved_grid import AXES, is_block
-from fvswell.results.table import write_table
+from fvswell.prediction.determination import NO_VARIATION, coefficient_of_determination
+from fvswell.results.moved_grid import AXES
 from fvswell.simulation.run import run
 
 __all__ = [
@@ -54,7 +51,7 @@ class Difference:
 
     phase: str
     model: str
-    quantity: str  # that the histories are of, in the unit that `fvswell.results.fields` tells
+    quantity: str  # that the histories are of, in the unit that `fvswell.results.fields` gives
     times: int  # at which R^2 is taken
     r_squared: float  # 1 - sum of squared differences/sum of squares of the reference about its mean
     largest: float  # of the quantity, with its sign
@@ -69,7 +66,7 @@ class ColumnDifference(Difference):
     """A model of a column less the reference in one phase."""
 
     depth: float  # of the largest local one, mm from the filter in the stress-free solid
-    equilibrium_strain: float  # of the model at rest under the loads that the phase ends with
+    equilibrium_strain: float  # of the model, under the loads that the phase ends with
     reference_equilibrium_strain: float
 
 
@@ -116,14 +113,15 @@ class Comparison:
             gaps.append(histories[model] - histories[self.reference])
         return np.concatenate(times), np.concatenate(gaps)
 
-    def table(self) -> list[dict[str, Any]]:
-        """One row for each phase and model."""
-        return [asdict(difference) | {"reference": self.reference} for difference in self.differences]
+    @property
+    def header(self) -> list[str]:
+        """Names of the columns of the table, in internal units."""
+        return [*(field.name for field in fields(self.differences[0])), "reference"]
 
-    def write_csv(self, path: Path) -> None:
-        """Write the table as text with commas, in internal units; raises OutputError if that fails."""
-        rows = self.table()
-        write_table(path, rows[0], [list(row.values()) for row in rows])
+    @property
+    def rows(self) -> list[list[Any]]:
+        """The table: a row for each phase and model."""
+        return [[*astuple(difference), self.reference] for difference in self.differences]
 
 
 def compare(case: Case, models: Sequence[str] = MODELS) -> Comparison:
@@ -197,28 +195,37 @@ def compare_results(results: Mapping[str, xr.Dataset]) -> Comparison:
     case = Case.from_toml(base.attrs["case_toml"])
     quantities = compared_quantities(case, base)
     spans = list(pairwise([0.0, *base["phase_end"].values]))
-    told = [has_outputs(results.values(), *span) for span in spans]
-    if not any(told):
+    enough = [has_outputs(results.values(), *span) for span in spans]
+    if not any(enough):
         message = f"leaves no phase with {FEWEST_OUTPUTS} outputs, which a comparison needs"
         raise CaseError([Problem("output", "", message)], case.source)
     differences = [
-        _difference(results, reference, model, index, phase.name, quantity, span)
+        _difference(results, reference, model, _Phase(index, phase.name, quantity, *span, case.geometry.kind))
         for index, (phase, quantity, span) in enumerate(zip(case.phase, quantities, spans, strict=True))
-        if told[index]
+        if enough[index]
         for model in results
         if model != reference
     ]
-    left_out = tuple(phase.name for phase, enough in zip(case.phase, told, strict=True) if not enough)
+    left_out = tuple(phase.name for phase, compared in zip(case.phase, enough, strict=True) if not compared)
     return Comparison(reference, dict(results), tuple(differences), left_out)
 
 
-def _difference(
-    results: Mapping[str, xr.Dataset], reference: str, model: str, index: int, phase: str, quantity: str,
-    span: tuple[float, float],
-) -> Difference:  # fmt: skip
-    """Difference of one model in one phase, the ``index``-th, from the start to the end of ``span``."""
+class _Phase(NamedTuple):
+    """A phase in which histories of a quantity are compared."""
+
+    number: int  # from 0
+    name: str
+    quantity: str
+    start: float  # s since the run began
+    end: float
+    geometry: str  # of the case
+
+
+def _difference(results: Mapping[str, xr.Dataset], reference: str, model: str, phase: _Phase) -> Difference:
+    """Difference of one model from the reference in one phase."""
     pair = {name: results[name] for name in (model, reference)}
     result, base = pair.values()
+    span, quantity = (phase.start, phase.end), phase.quantity
     at, histories = phase_histories(pair, quantity, *span)
     every, at_every = all_histories(pair, quantity, *span)
     own, data = at_every.values()
@@ -227,25 +234,35 @@ def _difference(
     cell, local = _local_difference(result, base, time)
     r_squared = coefficient_of_determination(histories[reference], histories[model], rounding_of(base, quantity))
     common: dict[str, Any] = {
-        "phase": phase,
+        "phase": phase.name,
         "model": model,
         "quantity": quantity,
         "times": len(at),
         "r_squared": float(r_squared),
         "largest": float(own[farthest] - data[farthest]),
         "time": time,
-        "time_in_phase": time - span[0],
+        "time_in_phase": time - phase.start,
         **local,
     }
-    if is_block(base):
-        place: dict[str, Any] = {axis: float(base[f"face_{axis}"][cell]) for axis in AXES}
-        return BlockDifference(**common, **place, final=float(own[-1]), reference_final=float(data[-1]))
+    return _WHOLE[phase.geometry](common, pair, cell, phase)
+
+
+def _of_column(common: dict[str, Any], pair: dict[str, xr.Dataset], cell: int, phase: _Phase) -> Difference:
+    result, base = pair.values()
+    own, reference = (float(each["equilibrium_strain"][phase.number]) for each in (result, base))
     return ColumnDifference(
-        **common,
-        depth=float(base["x"][cell]),
-        equilibrium_strain=float(result["equilibrium_strain"][index]),
-        reference_equilibrium_strain=float(base["equilibrium_strain"][index]),
+        **common, depth=float(base["x"][cell]), equilibrium_strain=own, reference_equilibrium_strain=reference
     )
+
+
+def _of_block(common: dict[str, Any], pair: dict[str, xr.Dataset], cell: int, phase: _Phase) -> Difference:
+    place: dict[str, Any] = {axis: float(pair[common["model"]][f"face_{axis}"][cell]) for axis in AXES}
+    _, histories = all_histories(pair, phase.quantity, phase.start, phase.end)
+    final, reference_final = (float(history[-1]) for history in histories.values())
+    return BlockDifference(**common, **place, final=final, reference_final=reference_final)
+
+
+_WHOLE = {"column": _of_column, "plane-strain": _of_block, "axisymmetric": _of_block}  # by kind of the geometry
 
 
 def compared_quantities(case: Case, result: xr.Dataset) -> list[str]:
@@ -258,16 +275,14 @@ def compared_quantities(case: Case, result: xr.Dataset) -> list[str]:
     result
         Of the reference.
     """
-    if not isinstance(case, BlockCase):
-        return ["global_strain" if phase.piston_displacement is None else "applied_pressure" for phase in case.phase]
-    names = [f"probe_displacement_{axis}" for axis in AXES]
-    probe = max(names, key=lambda name: float(np.ptp(result[name].values)))
+    geometry = case.geometry
+    free = max(geometry.histories, key=lambda name: float(np.ptp(result[name].values)))
     quantities, moved = [], set[str]()
     for phase in case.phase:
-        for edge in EDGES:
-            if (load := getattr(phase, edge)) is not None:
-                moved = moved - {edge} if load.displacement is None else moved | {edge}
-        quantities.append(next((f"{edge}_pressure" for edge in EDGES if edge in moved), probe))
+        for name in phase.loads():
+            part, _, kind = name.partition(".")
+            moved = moved | {part} if kind == "displacement" else moved - {part}
+        quantities.append(next((pressure for part, pressure in geometry.pressures.items() if part in moved), free))
     return quantities
 
 

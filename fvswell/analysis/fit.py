@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from scipy.optimize import minimize_scalar
 
 from fvswell.analysis.comparison import compared_quantities, phase_lengths
 from fvswell.analysis.histories import has_outputs, phase_histories, rounding_of
@@ -28,17 +27,15 @@ from fvswell.case.reading import value_type
 from fvswell.case.values import Quantity
 from fvswell.errors import SolverError
 from fvswell.physics.tissue import Array
-from fvswell.prediction.predictor import coefficient_of_determination
-from fvswell.results.table import write_table
+from fvswell.prediction.determination import coefficient_of_determination
 from fvswell.simulation.run import Progress, run
 from fvswell.units import number_or_text
 
-__all__ = ["FITTED_MODEL", "PAPER_REDUCTION", "Fit", "FitProblem", "Trial", "fit", "fit_problem", "run_fit"]
+__all__ = ["FITTED_MODEL", "Fit", "FitProblem", "Trial", "fit", "fit_problem", "run_fit"]
 
 FITTED_MODEL = "biphasic-swelling"
-PAPER_REDUCTION = 0.1196  # of the tissue's permeability, by the fit of Wilson et al. (2005) to their block
 _REFERENCE_MODELS = ("electrochemical",)
-_FACTOR = 4.0  # of the case's value, down and up: where to look unless told
+_FACTOR = 4.0  # of the case's value, down and up: where to look by default
 _RESOLUTION = 1e-3  # of the value
 _NO_EFFECT = 1e-9  # of the misfit
 _AT_LIMIT = 5.0 * _RESOLUTION
@@ -108,14 +105,19 @@ class Fit:
         return self.best.value / self.problem.present
 
     @property
+    def header(self) -> list[str]:
+        """Names of the columns of the table of trials, in internal units."""
+        return ["run", self.problem.parameter, *(f"r_squared {phase}" for phase in self.problem.phases)]
+
+    @property
+    def rows(self) -> list[list[float]]:
+        """The table: a row for each trial."""
+        return [[trial.run, trial.value, *trial.r_squared] for trial in self.trials]
+
+    @property
     def at_limit(self) -> bool:
         """Whether the best value lies at an end of where was looked, so that a better one may lie beyond."""
         return any(abs(math.log(self.best.value / limit)) < _AT_LIMIT for limit in self.problem.limits)
-
-    def write_csv(self, path: Path) -> None:
-        """Write the trials as text with commas, in internal units; raises OutputError if that fails."""
-        names = ["run", self.problem.parameter, *(f"r_squared {phase}" for phase in self.problem.phases)]
-        write_table(path, names, [(trial.run, trial.value, *trial.r_squared) for trial in self.trials])
 
 
 def fit(
@@ -193,7 +195,7 @@ def run_fit(
     fitted_path: Path | None = None,
     replace: bool = False,
     report: Callable[[Progress], None] | None = None,
-    tell: Callable[[Trial], None] | None = None,
+    report_trial: Callable[[Trial], None] | None = None,
 ) -> Fit:
     """Run the reference once, and the fitted model until the best value is found.
 
@@ -207,7 +209,7 @@ def run_fit(
         Whether these may be replaced.
     report
         Called after every step of the reference.
-    tell
+    report_trial
         Called after every trial.
 
     Raises
@@ -217,6 +219,8 @@ def run_fit(
     SolverError
         If a run had to stop.
     """
+    from scipy.optimize import minimize_scalar  # a tenth of a second to import
+
     began = time.perf_counter()
     target = _Target(
         problem, run(problem.case, problem.reference, path=reference_path, replace=replace, report=report)
@@ -231,8 +235,8 @@ def run_fit(
             raise SolverError(f"with {problem.parameter} = {value:.6g}: {error}", error.result) from None
         r_squared = target.r_squared(result)
         trials.append(Trial(len(trials) + 1, value, sum(1.0 - each for each in r_squared), r_squared))
-        if tell is not None:
-            tell(trials[-1])
+        if report_trial is not None:
+            report_trial(trials[-1])
         return result
 
     def squares(logarithm: float) -> float:
@@ -244,8 +248,8 @@ def run_fit(
     minimize_scalar(squares, bounds=(low, high), method="bounded", options={"xatol": _RESOLUTION})
     squares_found = [trial.squares for trial in trials]
     if np.ptp(squares_found) <= _NO_EFFECT * max(squares_found):
-        told = f"makes no difference to the {FITTED_MODEL} model of this case: there is nothing to fit"
-        raise CaseError([Problem("parameter", problem.parameter, told)], problem.case.source)
+        message = f"makes no difference to the {FITTED_MODEL} model of this case: there is nothing to fit"
+        raise CaseError([Problem("parameter", problem.parameter, message)], problem.case.source)
     best = problem.best(trials)
     fitted = run(problem.fitted_case(best.value), path=fitted_path, replace=replace, durations=target.durations)
     return Fit(
@@ -280,12 +284,12 @@ class _Target:
     def check(self) -> None:
         """Raise CaseError if there is nothing to follow in a phase that counts."""
         for phase in self.problem.phases:
-            told = f"{self.quantities[phase]} does not change in it: there is nothing to fit"
+            message = f"{self.quantities[phase]} does not change in it: there is nothing to fit"
             if not has_outputs([self.result], *self._span(phase)):
-                told = "has too few outputs to follow: give more output times, or output.every"
+                message = "has too few outputs to follow: give more output times, or output.per_phase"
             elif np.ptp(self._histories(phase, {})["data"]) > self._rounding(phase):
                 continue
-            raise CaseError([Problem("phases", phase, told)], self.problem.case.source)
+            raise CaseError([Problem("phases", phase, message)], self.problem.case.source)
 
     def r_squared(self, result: xr.Dataset) -> tuple[float, ...]:
         """How well a result follows, in each phase that counts."""

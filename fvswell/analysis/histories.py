@@ -10,11 +10,10 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import xarray as xr
-from scipy.interpolate import PchipInterpolator
 
-from fvswell.case.schema import STEPS_PER_PHASE
+from fvswell.case.time_stepping import STEPS_PER_PHASE
 from fvswell.physics.tissue import Array
-from fvswell.prediction.predictor import NO_VARIATION
+from fvswell.prediction.determination import NO_VARIATION
 from fvswell.results.file import SAME_TIME
 
 __all__ = [
@@ -23,7 +22,7 @@ __all__ = [
     "common_times",
     "has_outputs",
     "history_at",
-    "is_told",
+    "is_known",
     "local_strain",
     "phase_histories",
     "profile_at",
@@ -31,7 +30,7 @@ __all__ = [
 ]
 
 FEWEST_OUTPUTS = 2  # in a phase: fewer make no history
-_AT_REST = 1e-6
+_NO_CHANGE = 1e-6
 
 
 def has_outputs(results: Iterable[xr.Dataset], start: float, end: float) -> bool:
@@ -40,8 +39,8 @@ def has_outputs(results: Iterable[xr.Dataset], start: float, end: float) -> bool
 
 
 def rounding_of(result: xr.Dataset, quantity: str) -> float:
-    """Variation of a history in a phase below which it is at rest: a millionth of its size in the whole run."""
-    return max(NO_VARIATION, _AT_REST * float(np.nanmax(np.abs(result[quantity].values))))
+    """Variation of a history in a phase below which nothing happens: a millionth of its size in the whole run."""
+    return max(NO_VARIATION, _NO_CHANGE * float(np.nanmax(np.abs(result[quantity].values))))
 
 
 def phase_histories(
@@ -72,19 +71,31 @@ def all_histories(
 
 
 def common_times(times: Sequence[Array], start: float, end: float) -> Array:
-    """Times in a phase at which histories are compared.
+    """Times in a phase at which histories are compared, so that R^2 gives all times the same weight.
 
-    The output times after ``start`` up to ``end``, s, if they are the same in all of ``times``; otherwise the
-    ends of 50 equal steps.
+    The ends of 50 equal steps where all have outputs there; else the output times after ``start`` up to ``end``, s, if
+    they are the same in all of ``times``; else those ends again, between outputs.
     """
     slack = SAME_TIME * end
+    even = start + (end - start) * np.arange(1, STEPS_PER_PHASE + 1) / STEPS_PER_PHASE
     within = [_within(each, start, end) for each in times]
     first = within[0]
+    if all(_contains(each, even, slack) for each in within):
+        return even
     if first.size and all(
         each.shape == first.shape and np.allclose(each, first, rtol=0.0, atol=slack) for each in within
     ):
         return first
-    return start + (end - start) * np.arange(1, STEPS_PER_PHASE + 1) / STEPS_PER_PHASE
+    return even
+
+
+def _contains(times: Array, wanted: Array, slack: float) -> bool:
+    """Whether all wanted times are among increasing ones."""
+    if not times.size:
+        return False
+    after = np.searchsorted(times, wanted).clip(max=len(times) - 1)
+    before = np.maximum(after - 1, 0)
+    return bool(np.all(np.minimum(np.abs(times[after] - wanted), np.abs(times[before] - wanted)) <= slack))
 
 
 def history_at(time: Array, values: Array, start: float, at: Array) -> Array:
@@ -109,12 +120,14 @@ def history_at(time: Array, values: Array, start: float, at: Array) -> Array:
     own = (time >= start - slack) & (time <= at.max() + slack)
     if own.sum() < 2:
         return np.full(at.shape, np.nan)
+    from scipy.interpolate import PchipInterpolator  # a tenth of a second, which not every comparison needs
+
     root, last = np.sqrt(np.maximum(time[own] - start, 0.0)), time[own][-1]
     inside = PchipInterpolator(root, values[own])(np.sqrt(np.minimum(at, last) - start))
     return np.where(at <= last + slack, inside, np.nan)
 
 
-def is_told(result: xr.Dataset, at: float) -> bool:
+def is_known(result: xr.Dataset, at: float) -> bool:
     """Whether a result has an output at a time, s, or outputs of one phase before and after it.
 
     The state at the start of a phase is not of the phase: loads may jump there.
@@ -129,7 +142,7 @@ def is_told(result: xr.Dataset, at: float) -> bool:
 
 
 def profile_at(result: xr.Dataset, values: Array, at: float) -> Array:
-    """A profile of a result at a time, linear between its outputs, nan where it `is_told` not.
+    """A profile of a result at a time, linear between its outputs, nan where it is not known (`is_known`).
 
     Parameters
     ----------
@@ -140,7 +153,7 @@ def profile_at(result: xr.Dataset, values: Array, at: float) -> Array:
     at
         Time wanted, s.
     """
-    if not is_told(result, at):
+    if not is_known(result, at):
         return np.full(values.shape[1], np.nan)
     time = result["time"].values
     upper = int(np.searchsorted(time, at).clip(max=len(time) - 1))

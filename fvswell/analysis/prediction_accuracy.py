@@ -33,7 +33,7 @@ __all__ = [
 _STRAIN_BOUNDS = (0.05, 0.1, 0.2, 0.3)
 _CANDIDATES = np.linspace(0.0, 1.0, 21)
 _SEED = 2005
-_FEWEST_POINTS = 10  # that a distribution is told of
+_FEWEST_POINTS = 10  # that a distribution is given of
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class ErrorDistribution:
 
 @dataclass(frozen=True)
 class StrainClass:
-    """Errors where the strain from rest to rest is within bounds."""
+    """Errors where the strain between equilibria is within bounds."""
 
     curve: str
     low: float

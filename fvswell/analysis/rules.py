@@ -6,15 +6,17 @@ for swelling (Wilson et al. 2005; the values of their a and b are not known to u
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from fvswell.analysis.prediction_accuracy import ErrorDistribution, prediction_errors
 from fvswell.physics.tissue import Array
 from fvswell.study.points import StudyPoints
 
-__all__ = ["CurveFit", "fit_curve", "fitted_points", "paper_fits"]
+__all__ = ["CurveFit", "fit_curve", "fitted_points", "paper_fits", "r_squared_by_rule", "rule_errors"]
 
 _LARGEST_RATIO_IN_SWELLING = 100.0  # of D+ D-/(E k)^2, as in the paper
 _FEWEST_POINTS = 10
@@ -88,6 +90,21 @@ def paper_fits(points: StudyPoints) -> dict[str, CurveFit]:
         for curve, own in chosen.items()
         if own.sum() >= _FEWEST_POINTS
     }
+
+
+def r_squared_by_rule(points: StudyPoints, fits: Mapping[str, CurveFit]) -> Array:
+    """R^2 of the points by the fits of their curves, nan where there is none."""
+    values = np.full(len(points.curve), np.nan)
+    for curve, fit in fits.items():
+        own = points.of_curve(curve)
+        values[own] = fit(points.applicability[own])
+    return values
+
+
+def rule_errors(points: StudyPoints, curve: str, fit: CurveFit) -> ErrorDistribution:
+    """How far a fit is from the points that it was made from."""
+    own = fitted_points(points, curve)
+    return prediction_errors(points.r_squared[own], fit(points.applicability[own]))
 
 
 def _curve(applicability: Array, a: float, b: float) -> Array:

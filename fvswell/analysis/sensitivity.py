@@ -1,8 +1,8 @@
 """Which parameters decide how well the biphasic-swelling model stands in for the electrochemical one: Sobol indices.
 
 They share out the variance of log10(1 - R^2), the misfit in decades: R^2 itself ranges from nearly 1 to far below 0,
-and its variance would tell of the worst corners only. The first index of a parameter is the share of the variance that
-it explains by itself, the total index the share that is left when all others are known (Saltelli et al. 2010).
+and its variance would be that of the worst corners only. The first index of a parameter is the share of the variance
+that it explains by itself, the total index the share that is left when all others are known (Saltelli et al. 2010).
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Sensitivity:
 
 
 def read_ranges(path: Path, spread: float) -> Study:
-    """The study of a file, or the ranges about a case; what a file is, its tables tell.
+    """The study of a file, or the ranges about a case; which of them a file is shows in its tables.
 
     Raises
     ------
@@ -227,7 +227,7 @@ def _indices(r_squared: Array, parameters: int) -> SobolIndices:
     blocks = r_squared.reshape(-1, parameters + 2, r_squared.shape[-1])
     blocks = blocks[np.isfinite(blocks).all(axis=(1, 2))]
     if len(blocks) < 2:
-        raise OutputError("too few runs have a result: no sensitivity can be told")
+        raise OutputError("too few runs have a result: no sensitivity can be found")
     misfit = np.log10(np.maximum(1.0 - blocks.reshape(-1, r_squared.shape[-1]), _LEAST_MISFIT))
     found = [
         sobol.analyze(_problem(parameters), column, calc_second_order=False, conf_level=_CONFIDENCE, seed=_SEED)

@@ -35,7 +35,7 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")
 
 
 def read_case(path: Path, settings: list[str] | None, model: str | None = None) -> Case:
-    """The case of a file with the changes asked for; all that is wrong with the settings is told at once."""
+    """The case of a file with the changes asked for; all that is wrong with the settings is reported at once."""
     from fvswell.case.case import load_case, parse_setting
     from fvswell.results.file import read_case as case_of_result
 
@@ -56,5 +56,5 @@ def read_case(path: Path, settings: list[str] | None, model: str | None = None) 
 
 
 def output_directory(case_file: Path, output: Path | None) -> Path:
-    """Where to write: as told, else output/ and the name of the file."""
+    """Where to write: as asked for, else output/ and the name of the file."""
     return output if output is not None else Path("output") / case_file.stem

@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from fvswell.cli.arguments import CaseFile, Directory, Force, Quiet, Settings, output_directory, read_case
-from fvswell.reporting.console import Console, told_errors
+from fvswell.cli.errors import reported_errors
+from fvswell.reporting.console import Console
 
 __all__ = ["app"]
 
@@ -17,7 +18,7 @@ app = typer.Typer(rich_markup_mode=None)
 
 
 @app.command()
-@told_errors
+@reported_errors
 def fit(
     case_file: CaseFile,
     parameter: Annotated[
@@ -46,8 +47,10 @@ def fit(
     """
     from fvswell.analysis.comparison import with_models
     from fvswell.analysis.fit import FITTED_MODEL, Trial, fit_problem, run_fit
-    from fvswell.reporting.reports import case_lines, fit_report
+    from fvswell.reporting.comparison_report import fit_report
+    from fvswell.reporting.reports import case_lines
     from fvswell.results.file import refuse_existing
+    from fvswell.results.table import write_table
 
     case = read_case(case_file, settings)
     limits = None if between is None else [limit.strip() for limit in between.split(",")]
@@ -61,14 +64,14 @@ def fit(
     console.lines(*case_lines(case, f"{FITTED_MODEL}, fitted to {against}"))
     began = time.perf_counter()
 
-    def tell(trial: Trial) -> None:
+    def report_trial(trial: Trial) -> None:
         elapsed = time.perf_counter() - began
-        told = ", ".join(f"{value:.6f}" for value in trial.r_squared)
-        console.lines(f"run {trial.run}: {parameter} {trial.value:.6g}, R^2 {told}, {elapsed:.0f} s")
+        r_squared = ", ".join(f"{value:.6f}" for value in trial.r_squared)
+        console.lines(f"run {trial.run}: {parameter} {trial.value:.6g}, R^2 {r_squared}, {elapsed:.1f} s")
 
     with console.progress(against) as draw:
-        done = run_fit(problem, reference, fitted, force, draw, tell)
-    done.write_csv(table)
+        done = run_fit(problem, reference, fitted, force, draw, report_trial)
+    write_table(table, done.header, done.rows)
     lines, summary = fit_report(done)
     console.lines("")
     console.table(summary)
@@ -76,7 +79,7 @@ def fit(
 
 
 @app.command()
-@told_errors
+@reported_errors
 def export(
     result: Annotated[Path, typer.Argument(metavar="RESULT", help="A result (.nc) of a block.")],
     to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="vtu, a time series for ParaView.")] = "vtu",

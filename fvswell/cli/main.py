@@ -9,17 +9,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fvswell import __version__
 from fvswell.cli import blocks, studies
 from fvswell.cli.arguments import CaseFile, Directory, Force, Quiet, Settings, output_directory, read_case
+from fvswell.cli.errors import INTERRUPTED, reported_errors
 from fvswell.errors import OutputError, SolverError
-from fvswell.reporting.console import Console, told_errors
+from fvswell.reporting.console import Console
+from fvswell.version import __version__
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from fvswell.case.case import Case
-    from fvswell.simulation.run import Progress
+    from fvswell.simulation.run import Outcome, Progress
 
 __all__ = ["app", "main"]
 
@@ -57,7 +56,7 @@ def _options(
 
 
 @app.command()
-@told_errors
+@reported_errors
 def run(
     case_file: CaseFile,
     model: Annotated[
@@ -65,6 +64,11 @@ def run(
         typer.Option(help="biphasic, biphasic-swelling or electrochemical; the case's own without it."),
     ] = None,
     settings: Settings = None,
+    start_from: Annotated[
+        Path | None,
+        typer.Option("--from", metavar="RESULT", help="Start where this result ended, not from equilibrium."),
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with a run that was interrupted.")] = False,
     output: Directory = None,
     force: Force = False,
     quiet: Quiet = False,
@@ -75,14 +79,19 @@ def run(
 
     case = read_case(case_file, settings, model)
     path = output_directory(case_file, output) / f"{case.model}.nc"
-    refuse_existing([path], force)
+    if not resume:
+        refuse_existing([path], force)
     console = Console(quiet)
     console.lines(*case_lines(case))
-    _simulate(case, path, force, console)
+    try:
+        _simulate(case, path, force, console, start_from=start_from, resume=resume)
+    except KeyboardInterrupt:
+        typer.echo("interrupted: what there is is kept, and the same command with --resume goes on", err=True)
+        raise typer.Exit(INTERRUPTED) from None
 
 
 @app.command()
-@told_errors
+@reported_errors
 def check(case_file: CaseFile, settings: Settings = None) -> None:
     """Check a case: all that is wrong, or derived numbers."""
     from fvswell.analysis.characteristics import characteristics
@@ -97,7 +106,7 @@ def check(case_file: CaseFile, settings: Settings = None) -> None:
 
 
 @app.command()
-@told_errors
+@reported_errors
 def new(
     name: Annotated[Path, typer.Argument(metavar="NAME", help="Name of the case; NAME.toml is written.")],
     force: Force = False,
@@ -110,14 +119,14 @@ def new(
         with path.open("w" if force else "x", encoding="utf-8") as file:
             file.write(starter_text())
     except FileExistsError:
-        raise OutputError(f"{path}: is there already; use --force to replace it") from None
+        raise OutputError(f"{path}: exists already; use --force to replace it") from None
     except OSError as error:
         raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
     Console().lines(f"wrote {path}", f"try: fvswell check {path}, fvswell run {path}, fvswell compare {path}")
 
 
 @app.command()
-@told_errors
+@reported_errors
 def compare(
     case_file: CaseFile,
     models: Annotated[
@@ -128,15 +137,17 @@ def compare(
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run models of a case and tell how far apart they are.
+    """Run models of a case and show how far apart they are.
 
     Prints tables and writes the results, a figure and a table to DIR.
     """
     from fvswell.analysis.comparison import compare_results, phase_lengths, with_models
     from fvswell.reporting.block_plots import all_blocks, block_comparison_figure
+    from fvswell.reporting.comparison_report import comparison_remarks, comparison_tables
     from fvswell.reporting.plots import comparison_figure, save_figure
-    from fvswell.reporting.reports import case_lines, comparison_remarks, comparison_tables
+    from fvswell.reporting.reports import case_lines
     from fvswell.results.file import refuse_existing
+    from fvswell.results.table import write_table
 
     case = read_case(case_file, settings)
     cases = with_models(case, [name.strip() for name in models.split(",")])
@@ -149,10 +160,10 @@ def compare(
     durations: list[float] | None = None
     results = {}
     for name, each in cases.items():
-        result = results[name] = _simulate(each, paths[name], force, console, durations)
+        result = results[name] = _simulate(each, paths[name], force, console, durations).dataset()
         durations = phase_lengths(result)
     comparison = compare_results(results)
-    comparison.write_csv(table)
+    write_table(table, comparison.header, comparison.rows)
     draw = block_comparison_figure if all_blocks(results) else comparison_figure
     for figure in figures:
         save_figure(draw(comparison), figure)
@@ -163,7 +174,7 @@ def compare(
 
 
 @app.command()
-@told_errors
+@reported_errors
 def plot(
     results: Annotated[list[Path], typer.Argument(metavar="RESULT...", help="Results (.nc) to draw.")],
     output: Annotated[
@@ -192,11 +203,11 @@ def plot(
 
 
 @app.command()
-@told_errors
+@reported_errors
 def info(
     result: Annotated[Path, typer.Argument(metavar="RESULT", help="A result (.nc).")],
 ) -> None:
-    """Tell what is in a result."""
+    """Show what is in a result."""
     from fvswell.case.case import Case
     from fvswell.reporting.reports import case_lines, content_table, effort_lines, phase_table, result_lines
     from fvswell.results.file import read_result
@@ -215,14 +226,22 @@ app.add_typer(studies.app)
 
 
 def _simulate(
-    case: Case, path: Path, replace: bool, console: Console, durations: list[float] | None = None
-) -> xr.Dataset:
+    case: Case,
+    path: Path,
+    replace: bool,
+    console: Console,
+    durations: list[float] | None = None,
+    start_from: Path | None = None,
+    resume: bool = False,
+) -> Outcome:
     """Run a case into a file, with progress and a summary; of a run that had to stop as well."""
+    from fvswell.compiled.kernels import report_compilation
     from fvswell.reporting.reports import duration_line, effort_lines, phase_table
-    from fvswell.simulation.run import run as simulate
+    from fvswell.results.layout import COMPLETE
+    from fvswell.simulation.run import simulate
 
     began = time.perf_counter()
-    stopped: SolverError | None = None
+    report_compilation(lambda text: console.lines(f"{text} ..."))
     with console.progress(case.model) as draw:
 
         def report(progress: Progress) -> None:
@@ -230,15 +249,18 @@ def _simulate(
                 console.lines(duration_line(case, progress.phase_ends))
             draw(progress)
 
-        try:
-            result = simulate(case, path=path, replace=replace, durations=durations, report=report)
-        except SolverError as error:
-            if error.result is None:
-                raise
-            result, stopped = error.result, error
+        outcome = simulate(
+            case,
+            path=path,
+            replace=replace,
+            durations=durations,
+            start_from=start_from,
+            resume=resume,
+            report=report,
+        )
     console.lines("")
-    console.table(phase_table(result, case))
-    console.lines(*effort_lines(result), f"{time.perf_counter() - began:.1f} s, wrote {path}")
-    if stopped is not None:
-        raise SolverError(f"{stopped}\n{path}: holds the result until then, marked as partial") from None
-    return result
+    console.table(phase_table(outcome.values, case))
+    console.lines(*effort_lines(outcome.values), f"{time.perf_counter() - began:.1f} s, wrote {path}")
+    if outcome.status != COMPLETE:
+        raise SolverError(f"{case.source}: {outcome.status}\n{path}: holds the result until then, marked as partial")
+    return outcome

@@ -11,7 +11,8 @@ import typer
 
 from fvswell.case.errors import CaseError, Problem
 from fvswell.cli.arguments import CaseFile, Directory, Force, Quiet, Settings, output_directory, read_case
-from fvswell.reporting.console import INTERRUPTED, Console, TextTable, told_errors
+from fvswell.cli.errors import INTERRUPTED, reported_errors
+from fvswell.reporting.console import Console, TextTable
 
 if TYPE_CHECKING:
     from fvswell.study.run import StudyProgress
@@ -26,7 +27,7 @@ Processes = Annotated[
 
 
 @app.command()
-@told_errors
+@reported_errors
 def study(
     study_file: Annotated[Path, typer.Argument(metavar="STUDY", help="A study (.toml).")],
     output: Directory = None,
@@ -51,7 +52,7 @@ def study(
     console = Console(quiet)
     whole = load_study(study_file)
     console.lines(whole.table.title, f"  {len(whole.runs)} runs of {whole.models[0]} and {whole.models[1]}")
-    with _told_interruption(), _study_progress(console) as report:
+    with _reported_interruption(), _study_progress(console) as report:
         outcome = run_study(whole, path, scheduler=scheduler, processes=processes, replace=force, report=report)
     failed = f", {outcome.runs - outcome.complete} without a result (see run_status)" * (
         outcome.complete < outcome.runs
@@ -62,7 +63,7 @@ def study(
 
 
 @app.command()
-@told_errors
+@reported_errors
 def rules(
     result: Annotated[Path, typer.Argument(metavar="STUDY", help="Result of a study (.nc).")],
     output: Annotated[
@@ -104,9 +105,9 @@ def rules(
 
 
 @app.command()
-@told_errors
+@reported_errors
 def advise(case_file: CaseFile, settings: Settings = None) -> None:
-    """Tell whether biphasic-swelling will do, without a run."""
+    """Say whether biphasic-swelling will do, without a run."""
     from fvswell.analysis.advice import advise as advise_on
     from fvswell.reporting.advice_report import advice_lines, advice_tables
     from fvswell.reporting.reports import case_lines
@@ -122,7 +123,7 @@ def advise(case_file: CaseFile, settings: Settings = None) -> None:
 
 
 @app.command()
-@told_errors
+@reported_errors
 def paper(
     directory: Annotated[
         Path, typer.Argument(metavar="[DIR]", help="Directory with compression.toml and swelling.toml.")
@@ -142,12 +143,13 @@ def paper(
 ) -> None:
     """Draw figures 3 to 9 of Wilson et al. (2005) anew.
 
-    Tells what the paper reports beside what comes out, and writes the figures (.png and .pdf), paper.csv and study.nc,
+    Shows what the paper reports beside what comes out, and writes the figures (.png and .pdf), paper.csv and study.nc,
     the result of the sweep, to output/paper. A sweep that is there already is not run again.
     """
     from fvswell.case.case import load_case
-    from fvswell.reporting.paper import claims, paper_results, write_claims
-    from fvswell.reporting.paper_figures import FIGURES, paper_figures
+    from fvswell.paper.claims import claims, write_claims
+    from fvswell.paper.figures import FIGURES, paper_figures
+    from fvswell.paper.reproduction import paper_results
     from fvswell.reporting.plots import save_figure
     from fvswell.results.file import refuse_existing
     from fvswell.study.study import load_study
@@ -159,7 +161,7 @@ def paper(
     files = (directory / "compression.toml", directory / "swelling.toml", block)
     compression, swelling, glued = (load_case(file) for file in files)
     whole = load_study(sweep)
-    with _told_interruption(), _study_progress(console) as report:
+    with _reported_interruption(), _study_progress(console) as report:
         results = paper_results(compression, swelling, glued, whole, output / "study.nc", processes, report)
     for name, figure in paper_figures(results).items():
         for suffix in ("png", "pdf"):
@@ -172,7 +174,7 @@ def paper(
 
 
 @app.command()
-@told_errors
+@reported_errors
 def sensitivity(
     file: Annotated[
         Path, typer.Argument(metavar="FILE", help="A case, or a study whose parameters and ranges are taken.")
@@ -189,7 +191,7 @@ def sensitivity(
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
-    """Tell which parameters decide how far the models are apart.
+    """Find which parameters decide how far the models are apart.
 
     Sobol indices, by the predictor and, from fewer points, by the models themselves. Each base point takes as many runs
     as there are parameters, and two. Prints tables and writes sensitivity.csv, .png and .pdf to DIR.
@@ -230,11 +232,11 @@ def _require_powers_of_two(options: dict[str, int]) -> None:
 
 
 @contextmanager
-def _told_interruption() -> Iterator[None]:
+def _reported_interruption() -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        typer.echo("interrupted: what is finished is kept, and the same command goes on with the rest", err=True)
+        typer.echo("interrupted: what is finished is kept, and the same command goes on with the others", err=True)
         raise typer.Exit(INTERRUPTED) from None
 
 

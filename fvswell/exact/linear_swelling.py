@@ -1,11 +1,11 @@
 """Swelling and compression of a column by small steps of load or bath: the linear solution, exact in time.
 
-About a uniform state at rest the balances of a column are coupled diffusion of its contents, J and J n_f c-:
+About a uniform state in equilibrium the balances of a column are coupled diffusion of its contents, J and J n_f c-:
 
     dm/dt = D d2m/dx2,   D = J0 L H,
 
 x being the current coordinate from the filter. H = dy/dm is the stiffness of the potentials y = (mu_f,
-ln c~) and L the mobility in (q, j-) = -L grad y with the electric potential eliminated by i = 0. A step of
+ln a~) and L the mobility in (q, j-) = -L grad y with the electric potential eliminated by i = 0. A step of
 load or bath changes m at the filter at once and in the rest of the column as ``slab.profile_uptake``, once
 for each eigenvalue of D. The biphasic and biphasic-swelling models are the same with one content, J.
 """
@@ -14,24 +14,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from fvswell.compiled.dual import Dual, variables
 from fvswell.exact.slab import mean_uptake, profile_uptake, relaxation_time
-from fvswell.physics.differentiation import COMPLEX_STEP
-from fvswell.physics.electrochemistry import (
-    bath_osmotic_pressure,
-    fixed_charge_density,
-    fluid_fraction,
-    ion_concentrations,
-    osmotic_pressure,
-)
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
-from fvswell.physics.models import Mixture
-from fvswell.physics.permeability import open_circuit_permeability
-from fvswell.physics.solid import uniaxial_stress
-from fvswell.physics.tissue import Array
+from fvswell.physics.fluxes import mixture_fluxes, potential_gradient_of_current
+from fvswell.physics.models import Model
+from fvswell.physics.osmotic import (
+    bath_log_activity,
+    bath_osmotic_pressure,
+    ion_concentrations,
+    log_activity,
+    osmotic_pressure,
+    virtual_concentration,
+)
+from fvswell.physics.permeability import hydraulic_permeability, open_circuit_ratio
+from fvswell.physics.solids import uniaxial_stress
+from fvswell.physics.tissue import Array, Tissue, convection_factor, fixed_charge_density, fluid_fraction
 
 __all__ = ["ColumnChange", "LinearColumn", "salt_outdraws_osmosis"]
 
@@ -42,85 +44,89 @@ class ColumnChange(NamedTuple):
     """Changes from the state linearised about, shape ``(rows, times, points)``."""
 
     volume_ratio: Array
-    log_concentration: Array
+    log_activity: Array
     water_potential: Array  # MPa
 
 
 @dataclass(frozen=True)
 class LinearColumn:
-    """A column linearised about a uniform state; every array has the rows of a batch as its first axis.
+    """Columns linearised about uniform states; what is an array has one entry for each column, its first axis.
 
     Parameters
     ----------
-    mixture
-        Model and tissue at one point of each row.
+    model
+        What is transported.
+    tissue
+        The tissue, numbers or arrays ``(rows,)``.
     height
-        Height of the stress-free solid, mm; shape ``(rows, 1)`` or a number.
-    volume_ratio, log_concentration
-        J and ln c~ (c~ in mmol/mm3) of the state, shape ``(rows, 1)``.
+        Height of the stress-free solid, mm; a number or ``(rows,)``.
+    volume_ratio, log_activity
+        J and ln a~ of the states, ``(rows,)``.
+    kept_open_circuit_ratio
+        k_open/k of the biphasic-swelling model where it is held constant, a number or ``(rows,)``; None evaluates it in
+        the state.
     """
 
-    mixture: Mixture
+    model: Model
+    tissue: Tissue
     height: Array | float
     volume_ratio: Array
-    log_concentration: Array
+    log_activity: Array
+    kept_open_circuit_ratio: Array | float | None = None
 
     @classmethod
     def at_equilibrium(
         cls,
-        mixture: Mixture,
+        model: Model,
+        tissue: Tissue,
         height: Array | float,
         applied_pressure: Array | float,
         bath_concentration: Array | float,
+        kept_open_circuit_ratio: Array | float | None = None,
     ) -> LinearColumn:
         """Linearise about the equilibrium with a bath (mmol/mm3) under a pressure of the piston (MPa)."""
-        J = equilibrium_volume_ratio(
-            mixture.tissue,
-            applied_pressure,
-            bath_concentration,
-            mixture.bath_osmotic_coefficient,
-            mixture.model.swelling,
-        )
-        return cls(mixture, height, J, np.log(bath_concentration) + np.zeros_like(J))
+        J = np.atleast_1d(equilibrium_volume_ratio(model.tissue(tissue), applied_pressure, bath_concentration))
+        activity = bath_log_activity(tissue.osmotic, bath_concentration)
+        return cls(model, tissue, height, J, activity + np.zeros_like(J), kept_open_circuit_ratio)
 
     @cached_property
     def current_height(self) -> Array:
         """Height in the state linearised about, mm, shape ``(rows,)``."""
-        return (self.volume_ratio * self.height)[:, 0]
+        return self.volume_ratio * self.height
 
     @cached_property
     def stiffness(self) -> Array:
         """H, the derivative of the potentials by the contents, shape ``(rows, contents, contents)``."""
-        J, step = self.volume_ratio, 1j * COMPLEX_STEP
-        if not self.mixture.model.transports_ions:
-            stress = uniaxial_stress(self.mixture.tissue, J + step)
-            mu_f = stress - self.mixture.osmotic_pressure(self.mixture.at(J + step, self.log_concentration))
-            return mu_f.imag[:, :, None] / COMPLEX_STEP
-        salt = self.mixture.contents(self.mixture.at(J, self.log_concentration))[1]
-        columns = (self._potentials(J + step, salt), self._potentials(J, salt + step))
-        return np.stack([np.stack(column, axis=-1).imag[:, 0] for column in columns], axis=-1) / COMPLEX_STEP
+        if not self.model.transports_ions:
+            return np.asarray(self._water_potential.slopes[0])[:, None, None]
+        J, tissue = self.volume_ratio, self.tissue
+        _, anion = ion_concentrations(tissue.osmotic, fixed_charge_density(tissue, J), self.log_activity)
+        potentials = _potentials(tissue, *variables(J, J * fluid_fraction(tissue, J) * anion))
+        return np.stack([np.stack(potential.slopes, axis=-1) for potential in potentials], axis=1)
 
     @cached_property
     def mobility(self) -> Array:
         """L, the fluxes for unit gradients of the potentials, shape ``(rows, contents, contents)``."""
-        J, tissue = self.volume_ratio, self.mixture.tissue
-        if not self.mixture.model.transports_ions:
-            return self.mixture.permeability(self.mixture.at(J, self.log_concentration))[:, :, None]
-        cation, anion = ion_concentrations(tissue, J, self.log_concentration)
-        k_open = open_circuit_permeability(tissue, J, cation, anion)
-        D_cation, D_anion, w = tissue.cation_diffusivity, tissue.anion_diffusivity, tissue.convection_factor
-        conductance = cation * D_cation + anion * D_anion
-        # salt carried by the water; the streaming potential speeds the slower ion up
-        carried = w * cation * anion * (D_cation + D_anion) / conductance
-        diffused = 2.0 * fluid_fraction(tissue, J) * cation * D_cation * anion * D_anion / conductance
-        drawn = 2.0 * tissue.thermal_energy * carried  # reciprocal to ``carried``
-        entries = np.broadcast_arrays(k_open, k_open * drawn, carried * k_open, carried * k_open * drawn + diffused)
-        return np.stack(entries, axis=-1).reshape(-1, 2, 2)
+        J, tissue = self.volume_ratio, self.tissue
+        cation, anion = ion_concentrations(tissue.osmotic, fixed_charge_density(tissue, J), self.log_activity)
+        if not self.model.transports_ions:
+            k = hydraulic_permeability(tissue, J)
+            if self.model.open_circuit:
+                kept = self.kept_open_circuit_ratio
+                k = k * (open_circuit_ratio(tissue, J, cation, anion) if kept is None else kept)
+            return np.broadcast_to(k, J.shape)[:, None, None]
+        columns = []
+        for gradients in ((1.0, 0.0), (0.0, 1.0)):
+            water, activity = (gradient + np.zeros_like(J) for gradient in gradients)
+            potential = potential_gradient_of_current(tissue, J, cation, anion, water, activity, 0.0)
+            fluxes = mixture_fluxes(tissue, J, cation, anion, water, activity, potential)
+            columns.append(np.stack([-fluxes.water, -fluxes.anion], axis=-1))
+        return np.stack(columns, axis=-1)
 
     @cached_property
     def diffusion(self) -> Array:
-        """D = J0 L H, mm2/s on the diagonal, shape ``(rows, contents, contents)``."""
-        return self.volume_ratio[:, :, None] * (self.mobility @ self.stiffness)
+        """Coupled diffusivity D = J0 L H, mm2/s on the diagonal, shape ``(rows, contents, contents)``."""
+        return self.volume_ratio[:, None, None] * (self.mobility @ self.stiffness)
 
     @cached_property
     def diffusivities(self) -> Array:
@@ -147,20 +153,18 @@ class LinearColumn:
         Parameters
         ----------
         delta_pressure
-            Step of the piston's pressure, MPa; a number or ``(rows, 1)``.
+            Step of the piston's pressure, MPa; a number or ``(rows,)``.
         delta_concentration
-            Step of the bath's salt concentration, mmol/mm3; a number or ``(rows, 1)``.
+            Step of the bath's salt concentration, mmol/mm3; a number or ``(rows,)``.
         """
-        bath, tissue = self.mixture.bath_osmotic_coefficient, self.mixture.tissue
-        delta_log = delta_concentration / np.exp(self.log_concentration)
         water = -delta_pressure + np.zeros_like(self.volume_ratio)
-        if self.mixture.model.swelling:
-            delta_bath = np.asarray(delta_concentration)
-            water = water - bath_osmotic_pressure(bath, tissue.thermal_energy, delta_bath)
-        if self.mixture.model.transports_ions:
-            change = np.stack(np.broadcast_arrays(water, delta_log), axis=-1)[:, 0]
+        if self.model.swelling:
+            water = water - self._bath.pressure * delta_concentration
+        activity = self._activity_change(delta_concentration)
+        if self.model.transports_ions:
+            change = np.stack([water, activity], axis=-1)
         else:  # the salt in the column follows the bath at once
-            change = water + self._osmotic_slope * delta_log
+            change = (water - self._water_potential.slopes[1] * activity)[:, None]
         return np.linalg.solve(self.stiffness, change[..., None])[..., 0]
 
     def response(self, boundary_change: Array) -> Array:
@@ -203,8 +207,8 @@ class LinearColumn:
         ValueError
             If ions are transported: their time scale depends on what is changed.
         """
-        if self.mixture.model.transports_ions:
-            raise ValueError(f"the {self.mixture.model.name} model has no single relaxation time")
+        if self.model.transports_ions:
+            raise ValueError(f"the {self.model.name} model has no single relaxation time")
         return relaxation_time(fraction) * self.current_height**2 / self.diffusivities[:, 0]
 
     def global_strain(
@@ -218,7 +222,7 @@ class LinearColumn:
         Parameters as for ``mean_volume_change`` and ``boundary_change``.
         """
         change = self.boundary_change(delta_pressure, delta_concentration)
-        return self.mean_volume_change(time, change) / self.volume_ratio
+        return self.mean_volume_change(time, change) / self.volume_ratio[:, None]
 
     def profile(
         self,
@@ -248,56 +252,81 @@ class LinearColumn:
         uptake = profile_uptake(xi[:, None, None, :], self._slab_time(time)[..., None])
         content = np.einsum("rdc,rdtx->rctx", self.response(boundary), uptake).real
         potential = np.einsum("rpc,rctx->rptx", self.stiffness, content)
-        delta_log = (delta_concentration / np.exp(self.log_concentration))[:, :, None]
-        load = np.broadcast_to(delta_pressure, self.volume_ratio.shape)[:, :, None]
-        water = potential[:, 0] + load
-        if self.mixture.model.transports_ions:
+        activity = self._activity_change(delta_concentration)[:, None, None]
+        water = potential[:, 0] + np.broadcast_to(delta_pressure, self.volume_ratio.shape)[:, None, None]
+        if self.model.transports_ions:
             return ColumnChange(content[:, 0], potential[:, 1], water)
-        osmotic = self._osmotic_slope[:, :, None] * delta_log
-        return ColumnChange(content[:, 0], delta_log + np.zeros_like(water), water - osmotic)
+        by_activity = np.asarray(self._water_potential.slopes[1])[:, None, None]
+        return ColumnChange(content[:, 0], activity + np.zeros_like(water), water + by_activity * activity)
 
     def early_strain(self, boundary_change: Array) -> Array:
         """Coefficient a in strain = a sqrt(t), which holds while the far end is untouched; ``(rows,)``."""
         share = self.response(boundary_change)[:, :, 0]
         rate = 2.0 / np.sqrt(np.pi) * (np.sqrt(self.diffusivities) * share).sum(axis=1).real
-        return rate / (self.current_height * self.volume_ratio[:, 0])
+        return rate / (self.current_height * self.volume_ratio)
 
     def flows_backward_first(self, boundary_change: Array) -> Array:
         """Whether water first flows against the final change of volume: negative osmosis; ``(rows,)``."""
         return self.early_strain(boundary_change) * boundary_change[:, 0] < 0.0
 
-    @property
-    def _osmotic_slope(self) -> Array:
-        """Slope d pi/d ln c~ at fixed J, MPa, shape ``(rows, 1)``."""
-        shifted = self.log_concentration + 1j * COMPLEX_STEP
-        pi = self.mixture.osmotic_pressure(self.mixture.at(self.volume_ratio, shifted))
-        return np.asarray(pi).imag / COMPLEX_STEP + np.zeros_like(self.volume_ratio)
+    @cached_property
+    def _water_potential(self) -> Dual:
+        """mu_f (up to the applied pressure) with its derivatives by J and ln a~, each ``(rows,)``."""
+        tissue = self.model.tissue(self.tissue)
+        J, activity = variables(self.volume_ratio, self.log_activity)
+        fixed_charge = fixed_charge_density(tissue, J)
+        ions = ion_concentrations(tissue.osmotic, fixed_charge, activity)
+        pressure = osmotic_pressure(tissue.osmotic, tissue.thermal_energy, fixed_charge, *ions)
+        potential: Dual = uniaxial_stress(tissue.solid, J, tissue.fluid_fraction) - pressure + 0.0 * activity
+        return potential
+
+    @cached_property
+    def _bath(self) -> _BathSlopes:
+        law = self.tissue.osmotic
+        (concentration,) = variables(virtual_concentration(law, self.log_activity))
+        pressure = bath_osmotic_pressure(law, self.tissue.thermal_energy, concentration)
+        return _BathSlopes(pressure.slopes[0], bath_log_activity(law, concentration).slopes[0])
+
+    def _activity_change(self, delta_concentration: Array | float) -> Array:
+        change: Array = self._bath.log_activity * delta_concentration + np.zeros_like(self.volume_ratio)
+        return change
 
     def _slab_time(self, time: Array) -> Array:
         scaled = self.diffusivities / self.current_height[:, None] ** 2
         return scaled[:, :, None] * np.atleast_2d(time)[:, None, :]
 
-    def _potentials(self, J: Array, salt: Array) -> tuple[Array, Array]:
-        """mu_f (up to the applied pressure) and ln c~ as functions of the contents."""
-        tissue = self.mixture.tissue
-        anion = salt / (J * fluid_fraction(tissue, J))
-        cation = anion + fixed_charge_density(tissue, J)
-        log_concentration = 0.5 * np.log(cation * anion / tissue.activity_ratio)
-        return uniaxial_stress(tissue, J) - osmotic_pressure(tissue, cation, anion), log_concentration
+
+class _BathSlopes(NamedTuple):
+    """Derivatives by the concentration of the bath that is in equilibrium with the state, ``(rows,)``."""
+
+    pressure: Any
+    log_activity: Any
 
 
-def salt_outdraws_osmosis(mixture: Mixture, J: Array, log_concentration: Array) -> Array:
+def _potentials(tissue: Tissue, J: Dual, salt: Dual) -> tuple[Dual, Dual]:
+    """mu_f (up to the applied pressure) and ln a~ as functions of the contents J and J n_f c-."""
+    fixed_charge = fixed_charge_density(tissue, J)
+    anion = salt / (J * fluid_fraction(tissue, J))
+    ions = (anion + fixed_charge, anion)
+    pressure = osmotic_pressure(tissue.osmotic, tissue.thermal_energy, fixed_charge, *ions)
+    stress = uniaxial_stress(tissue.solid, J, tissue.fluid_fraction)
+    return stress - pressure, log_activity(tissue.osmotic, fixed_charge, *ions)
+
+
+def salt_outdraws_osmosis(tissue: Tissue, J: Array, log_activity: Array) -> Array:
     """Whether a salt gradient in a tissue of uniform J moves water toward the weaker solution.
 
-    Water is drawn along by the salt with w R T (S - c_F a/b) grad ln c~, where a, b = c+ D+ -+ c- D-, and
-    held by osmosis with phi_int R T (4 g c~^2/S) grad ln c~. Where the first is larger, a swelling sample
-    can shrink first (negative osmosis). Whether a whole column does so depends also on how the volume
-    diffuses in from the filter, see ``LinearColumn.flows_backward_first``. Shape of ``J``.
+    Water is drawn along by the salt with w R T (S - c_F a/b) grad ln a~, where S = c+ + c- and a, b = c+ D+ -+ c- D-,
+    and held by osmosis with (d pi/d ln a~) grad ln a~. Where the first is larger, a swelling sample can shrink first
+    (negative osmosis). Whether a whole column does so depends also on how the volume diffuses in from the filter, see
+    ``LinearColumn.flows_backward_first``. Shape of ``J``.
     """
-    tissue = mixture.tissue
-    cation, anion = ion_concentrations(tissue, J, log_concentration)
+    law, fixed_charge = tissue.osmotic, fixed_charge_density(tissue, J)
+    cation, anion = ion_concentrations(law, fixed_charge, log_activity)
     from_cation, from_anion = cation * tissue.cation_diffusivity, anion * tissue.anion_diffusivity
     asymmetry = (from_cation - from_anion) / (from_cation + from_anion)
-    total = cation + anion
-    drag = tissue.convection_factor * (total - (cation - anion) * asymmetry)
-    return drag > tissue.osmotic_coefficient * 4.0 * cation * anion / total
+    drag = convection_factor(tissue) * tissue.thermal_energy * (cation + anion - (cation - anion) * asymmetry)
+    ions = ion_concentrations(law, fixed_charge, *variables(log_activity))
+    pressure = osmotic_pressure(law, tissue.thermal_energy, fixed_charge, *ions)
+    outdraws: Array = drag > pressure.slopes[0]
+    return outdraws

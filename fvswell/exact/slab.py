@@ -13,7 +13,6 @@ from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.special import erfc
 
 from fvswell.physics.tissue import Array
@@ -57,6 +56,8 @@ def relaxation_time(fraction: float) -> float:
     """Time at which ``mean_uptake`` reaches ``fraction`` of its final value, a number between 0 and 1."""
     if not 0.0 < fraction < 1.0:
         raise ValueError(f"the fraction of the final value must be between 0 and 1, not {fraction}")
+    from scipy.optimize import brentq  # a tenth of a second to import
+
     # of the series the first exponential is the largest, and all of them add up to at most exp(-lambda_0^2 t)
     latest = -4.0 / np.pi**2 * np.log(1.0 - fraction)
 
@@ -96,12 +97,12 @@ def _mean_late(time: Array) -> Array:
     # the exponents are odd squares, (2n + 1)^2, which differ by multiples of 8: powers of one exponential
     decay = np.exp(-0.25 * np.pi**2 * time)
     eighth = np.square(np.square(np.square(decay)))
-    rest, ratio = decay.copy(), eighth.copy()
+    total, ratio = decay.copy(), eighth.copy()
     for n in range(1, _EXPONENTIALS):
         decay *= ratio
-        rest += decay * (1.0 / (2 * n + 1) ** 2)
+        total += decay * (1.0 / (2 * n + 1) ** 2)
         ratio *= eighth
-    return 1.0 - 8.0 / np.pi**2 * rest
+    return 1.0 - 8.0 / np.pi**2 * total
 
 
 def _profile_early(time: Array, position: Array) -> Array:

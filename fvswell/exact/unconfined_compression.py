@@ -73,7 +73,7 @@ class UnconfinedDisc:
 
     @cached_property
     def aggregate_modulus(self) -> float:
-        """M = K + 4G/3, MPa."""
+        """Aggregate modulus M = K + 4G/3, MPa."""
         return 2.0 * self.shear_modulus * (1.0 - self.poisson_ratio) / (1.0 - 2.0 * self.poisson_ratio)
 
     def creep(self, position: Array, time: Array, pressure: float) -> DiscHistory:

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
 from functools import lru_cache
 
 import numpy as np
 
 from fvswell.case.case import Case, CaseError
 from fvswell.case.errors import Problem, shown
-from fvswell.case.schema import ColumnGeometry
+from fvswell.case.geometry import ColumnGeometry
+from fvswell.case.profiles import DepthProfile, PlaneProfile
 from fvswell.case.values import Ramp, RelaxationTimes, final_value
 from fvswell.column.grid import ColumnGrid, column_grid
-from fvswell.physics.electrochemistry import ion_concentrations
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
+from fvswell.physics.osmotic import bath_log_activity, ion_concentrations
 from fvswell.physics.permeability import open_circuit_ratio
-from fvswell.physics.tissue import Array, Tissue
+from fvswell.physics.tissue import Array, Tissue, first_rows, fixed_charge_density, tissue_at, tissue_parameters
 from fvswell.prediction.predictor import Conditions, Prediction, predict
 
-__all__ = ["bath_osmotic_coefficients", "conditions_of", "is_uniform", "mean_tissue", "predict_cases", "unpredictable"]
+__all__ = ["conditions_of", "is_uniform", "mean_tissue", "predict_cases", "unpredictable"]
 
 
 def predict_cases(cases: Sequence[Case], linearised_at: Array | float | None = None) -> Prediction:
@@ -35,19 +35,17 @@ def predict_cases(cases: Sequence[Case], linearised_at: Array | float | None = N
     for case in cases:
         if problems := unpredictable(case):
             raise CaseError(problems, case.source)
-    first = cases[0]
-    tissue, bath = mean_tissue(cases), bath_osmotic_coefficients(cases)
-    told = [[phase.duration for phase in case.phase] for case in cases]
+    first, tissue = cases[0], mean_tissue(cases)
+    given = [[phase.duration for phase in case.phase] for case in cases]
     return predict(
         tissue,
-        _column([case.geometry.height for case in cases]),
-        bath,
+        np.array([case.geometry.height for case in cases]),
         conditions_of(cases),
         linearised_at,
-        phase_duration=np.array([[d if isinstance(d, float) else np.nan for d in row] for row in told]),
-        open_circuit_ratio=_constant_open_circuit_ratio(cases, tissue, bath),
+        phase_duration=np.array([[d if isinstance(d, float) else np.nan for d in row] for row in given]),
+        open_circuit_ratio=_kept_open_circuit_ratio(cases, tissue),
         relaxation_times=np.array(
-            [[d.multiple if isinstance(d, RelaxationTimes) else np.nan for d in row] for row in told]
+            [[d.multiple if isinstance(d, RelaxationTimes) else np.nan for d in row] for row in given]
         ),
         relaxation_fraction=first.time.relaxation_fraction,
         steps_per_phase=first.time.samples_per_phase,
@@ -56,63 +54,53 @@ def predict_cases(cases: Sequence[Case], linearised_at: Array | float | None = N
 
 def unpredictable(case: Case) -> list[Problem]:
     """What of a case the predictor does not cover: it is for columns and for pressures of the piston."""
-    if case.geometry.kind != "column":
+    if not isinstance(case.geometry, ColumnGeometry):
         return [Problem("geometry.kind", shown(case.geometry.kind), "must be column: only columns can be predicted")]
     return [
-        Problem(
-            f"phase.{phase.name}.piston_displacement", "", "is prescribed: only phases with a pressure can be predicted"
-        )
+        Problem(f"phase.{phase.name}.piston_displacement", "", "is prescribed: only pressures can be predicted")
         for phase in case.phase
-        if phase.piston_displacement is not None
+        if "piston.displacement" in phase.loads()
     ]
 
 
 def is_uniform(case: Case) -> bool:
-    """Whether the tissue is the same at all depths."""
-    tissue = case.tissue_at(_grid(case.geometry).centres)
-    return all(np.size(getattr(tissue, f.name)) == 1 for f in fields(Tissue) if f.name != "solid")
+    """Whether the tissue is the same at all points."""
+    return not any(isinstance(value, DepthProfile | PlaneProfile) for _, value in case.tissue)
 
 
 def mean_tissue(cases: Sequence[Case]) -> Tissue:
-    """Mean properties of the tissue of each case over its stress-free volume, arrays of shape ``(cases, 1)``."""
-    tissues = [case.tissue_at(_grid(case.geometry).centres) for case in cases]
-    names = [f.name for f in fields(Tissue) if f.name != "solid"]
-
-    def mean(name: str) -> Array:
-        values = [getattr(tissue, name) for tissue in tissues]
-        return _column(
-            [
-                value.item() if value.size == 1 else value[0] @ _grid(case.geometry).widths / case.geometry.height
-                for value, case in zip(values, cases, strict=True)
-            ]
-        )
-
-    return Tissue(cases[0].tissue.solid, **{name: mean(name) for name in names})
-
-
-def bath_osmotic_coefficients(cases: Sequence[Case]) -> Array:
-    """phi_ext of each case, ``(cases, 1)``."""
-    return _column([case.bath.osmotic_coefficient for case in cases])
+    """Mean properties of the tissue of each column over its stress-free volume, arrays of shape ``(cases,)``."""
+    means = []
+    for case in cases:
+        grid = _grid(case.geometry)
+        tissue = case.tissue_at(grid.centres)
+        means.append(tissue_parameters(tissue, len(grid.centres)) @ (grid.widths / grid.widths.sum()))
+    laws = type(tissue.solid), type(tissue.permeability), type(tissue.osmotic)
+    mean: Tissue = tissue_at(*laws, first_rows(*laws), np.stack(means, axis=1), slice(None))
+    return mean
 
 
 def conditions_of(cases: Sequence[Case]) -> list[Conditions]:
-    """Conditions before the first phase and in each phase, arrays of shape ``(cases, 1)``."""
-    bath = _column([case.bath.concentration for case in cases])
+    """Conditions before the first phase and in each phase, arrays of shape ``(cases,)``."""
+    bath = np.array([case.bath.concentration for case in cases])
     conditions = [Conditions(np.zeros_like(bath), bath)]
     for phases in zip(*(case.phase for case in cases), strict=True):
-        pressures = [phase.piston_pressure for phase in phases]
-        baths = [phase.bath_concentration for phase in phases]
-        before = conditions[-1].bath_concentration
-        after = _column([np.nan if value is None else final_value(value) for value in baths])
-        conditions.append(
-            Conditions(
-                _column([np.nan if value is None else final_value(value) for value in pressures]),
-                np.where(np.isnan(after), before, after),
-                _column([value.over if isinstance(value, Ramp) else 0.0 for value in pressures]),
-                _column([value.over if isinstance(value, Ramp) else 0.0 for value in baths]),
-            )
+        loads = [phase.loads() for phase in phases]
+        pressure, after = (
+            np.array([_target(each.get(name)) for each in loads]) for name in ("piston.pressure", "bath")
         )
+        ramps = (np.array([_duration(each.get(name)) for each in loads]) for name in ("piston.pressure", "bath"))
+        before = conditions[-1].bath_concentration
+        conditions.append(Conditions(pressure, np.where(np.isnan(after), before, after), *ramps))
     return conditions
+
+
+def _target(load: float | Ramp | None) -> float:
+    return np.nan if load is None else final_value(load)
+
+
+def _duration(load: float | Ramp | None) -> float:
+    return load.over if isinstance(load, Ramp) else 0.0
 
 
 @lru_cache
@@ -120,18 +108,17 @@ def _grid(geometry: ColumnGeometry) -> ColumnGrid:
     return column_grid(geometry.height, geometry.cells, geometry.grading)
 
 
-def _column(values: Sequence[float]) -> Array:
-    return np.array(values, dtype=float)[:, None]
-
-
-def _constant_open_circuit_ratio(cases: Sequence[Case], tissue: Tissue, bath: Array) -> Array | None:
+def _kept_open_circuit_ratio(cases: Sequence[Case], tissue: Tissue) -> Array | float | None:
     """k_open/k that the biphasic-swelling model keeps, None if it follows the state."""
     kept = cases[0].open_circuit_permeability
     if kept == "state":
         return None
     if kept == "none":
-        return np.ones((len(cases), 1))
-    concentration = _column([case.bath.concentration for case in cases])
-    J = equilibrium_volume_ratio(tissue, 0.0, concentration, bath, swelling=True)
-    ions = ion_concentrations(tissue, J, np.log(concentration))
-    return open_circuit_ratio(tissue, J, *ions)
+        return 1.0
+    bath = np.array([case.bath.concentration for case in cases])
+    J = equilibrium_volume_ratio(tissue, 0.0, bath)
+    activity = bath_log_activity(tissue.osmotic, bath)
+    ratio: Array = open_circuit_ratio(
+        tissue, J, *ion_concentrations(tissue.osmotic, fixed_charge_density(tissue, J), activity)
+    )
+    return ratio

@@ -1,8 +1,8 @@
-"""How well the biphasic-swelling model stands in for the electrochemical one, told without running either.
+"""How well the biphasic-swelling model stands in for the electrochemical one, predicted without running either.
 
 In each phase both models are replaced by the exact linear solution of a column (``fvswell.exact.linear_swelling``)
-about one state on the way from the rest before the phase to the rest after it; the changes themselves are the finite
-ones between those states of rest. What earlier phases have left unfinished is superposed.
+about one state on the way from the equilibrium before the phase to the equilibrium after it; the changes themselves are
+the finite ones between those equilibria. What earlier phases have left unfinished is superposed.
 
 For small changes this is exact. For large ones the state linearised about stands for all those passed through. Water
 and salt enter and leave through the tissue at the filter, which is in its new state at once, so it should lie nearer
@@ -22,21 +22,20 @@ import numpy as np
 
 from fvswell.exact.linear_swelling import LinearColumn
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
-from fvswell.physics.models import BIPHASIC_SWELLING, ELECTROCHEMICAL, Mixture
-from fvswell.physics.tissue import Array, Tissue
+from fvswell.physics.models import BIPHASIC_SWELLING, ELECTROCHEMICAL
+from fvswell.physics.osmotic import bath_log_activity, ion_concentrations
+from fvswell.physics.tissue import Array, Tissue, fixed_charge_density, fluid_fraction
+from fvswell.prediction.determination import coefficient_of_determination
 
 __all__ = [
     "LINEARISED_AT",
-    "NO_VARIATION",
     "Conditions",
     "Prediction",
-    "coefficient_of_determination",
     "kind_of_change",
     "predict",
 ]
 
-NO_VARIATION = 1e-11  # of a strain, mm or MPa: rounding
-LINEARISED_AT = (0.8, 0.65, 0.85)  # share of the way from rest to rest, by kind_of_change; where that is -1, the last
+LINEARISED_AT = (0.8, 0.65, 0.85)  # share of the way between equilibria, by kind_of_change; where that is -1, the last
 
 _RELAXED_FRACTION = 0.99
 _RELAXATION_TIMES = 1.5
@@ -44,7 +43,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
 class Conditions(NamedTuple):
-    """What the column is exposed to in a phase; numbers or arrays of shape ``(rows, 1)``."""
+    """What the column is exposed to in a phase; numbers or arrays of shape ``(rows,)``."""
 
     piston_pressure: Array | float  # MPa
     bath_concentration: Array | float  # mmol/mm3
@@ -92,13 +91,13 @@ class Prediction:
         return np.argmax(np.abs(self._difference), axis=-1)
 
 
-_Rest = tuple[Array, Array]  # J and ln c~, (rows, 1)
+_Equilibrium = tuple[Array, Array]  # J and ln a~, (rows,)
 
 
 class _Step(NamedTuple):
     """A change at the filter, at once or within a time."""
 
-    ramp: Array | float  # s, (rows, 1)
+    ramp: Array | float  # s, (rows,)
     contents: Array  # of volume and salt, (rows, 2)
 
 
@@ -106,11 +105,10 @@ class _Step(NamedTuple):
 def predict(
     tissue: Tissue,
     height: Array | float,
-    bath_osmotic_coefficient: Array | float,
     conditions: Sequence[Conditions],
     linearised_at: Array | float | None = None,
     phase_duration: Array | float = np.nan,
-    open_circuit_ratio: Array | None = None,
+    open_circuit_ratio: Array | float | None = None,
     relaxation_times: Array | float = _RELAXATION_TIMES,
     relaxation_fraction: float = _RELAXED_FRACTION,
     steps_per_phase: int = 50,
@@ -120,33 +118,29 @@ def predict(
     Parameters
     ----------
     tissue
-        Tissue of uniform columns, one for each row, arrays of shape ``(rows, 1)``.
+        Tissue of uniform columns, one for each row, numbers or arrays of shape ``(rows,)``.
     height
-        Height of the stress-free solid, mm, a number or ``(rows, 1)``.
-    bath_osmotic_coefficient
-        phi_ext, a number or ``(rows, 1)``.
+        Height of the stress-free solid, mm, a number or ``(rows,)``.
     conditions
         Those that the column is equilibrated with, and then those of each phase.
     linearised_at
-        State that each phase is linearised about, on the way from the rest before it (0) to the rest after it (1);
-        a number or ``(rows, phases)``; None takes ``LINEARISED_AT``. J and ln c~ are interpolated.
+        State that each phase is linearised about, on the way from the equilibrium before it (0) to that after it (1);
+        a number or ``(rows, phases)``; None takes ``LINEARISED_AT``. J and ln a~ are interpolated.
     phase_duration
         Duration of the phases, s, a number or ``(rows, phases)``; nan takes ``relaxation_times`` times the
         relaxation time of the biphasic-swelling model.
     open_circuit_ratio
-        k_open/k of the biphasic-swelling model where it is held constant, ``(rows, 1)``; None evaluates it
+        k_open/k of the biphasic-swelling model where it is held constant, a number or ``(rows,)``; None evaluates it
         in the state linearised about.
     relaxation_times
         See ``phase_duration``; a number or ``(rows, phases)``.
     relaxation_fraction
         Share of its way that the biphasic-swelling model goes in a relaxation time.
     steps_per_phase
-        Number of equal steps at whose ends the histories are told.
+        Number of equal steps at whose ends the histories are given.
     """
-    bath = np.atleast_2d(bath_osmotic_coefficient)
-    mixtures = [Mixture(model, tissue, bath, open_circuit_ratio) for model in (BIPHASIC_SWELLING, ELECTROCHEMICAL)]
-    rests, steps = _states_of_rest(mixtures[1], conditions)
-    first, phases = rests[0][0], len(conditions) - 1
+    equilibria, steps = _equilibria(tissue, conditions)
+    first, phases = equilibria[0][0], len(conditions) - 1
     shape = (len(first), phases)
     states = _best_states(conditions, shape[0]) if linearised_at is None else linearised_at
     share, given, times = (np.broadcast_to(a, shape) for a in (states, phase_duration, relaxation_times))
@@ -157,21 +151,25 @@ def predict(
     backward = np.empty(shape, dtype=bool)
     past: list[tuple[Array, _Step]] = []  # since when, and what
     for p in range(phases):
-        state = [a + share[:, p, None] * (b - a) for a, b in zip(rests[p], rests[p + 1], strict=True)]
-        columns = [LinearColumn(mixture, height, *state) for mixture in mixtures]
+        J, activity = (a + share[:, p] * (b - a) for a, b in zip(equilibria[p], equilibria[p + 1], strict=True))
+        columns = [
+            LinearColumn(model, tissue, height, J, activity, open_circuit_ratio)
+            for model in (BIPHASIC_SWELLING, ELECTROCHEMICAL)
+        ]
         relaxation = columns[0].relaxation_time(relaxation_fraction)
         duration[:, p] = np.where(np.isnan(given[:, p]), times[:, p] * relaxation, given[:, p])
         start = duration[:, :p].sum(axis=1)[:, None]
         past += [(start, step) for step in steps[p] if np.any(step.contents)]
         for i, column in enumerate(columns):
-            strain[i, :, p] = _volume_change(column, start + duration[:, p, None] * fractions, past) / first
+            change = _volume_change(column, start + duration[:, p, None] * fractions, past)
+            strain[i, :, p] = change / first[:, None]
         backward[:, p] = columns[1].flows_backward_first(steps[p][0].contents + steps[p][1].contents)
         diffusivities.append((columns[0].diffusivities[:, 0], columns[1].diffusivities))
     return Prediction(
         phase_duration=duration,
         reduced_strain=strain[0],
         full_strain=strain[1],
-        equilibrium_strain=np.concatenate([J / first - 1.0 for J, _ in rests[1:]], axis=1),
+        equilibrium_strain=np.stack([J / first - 1.0 for J, _ in equilibria[1:]], axis=1),
         diffusivities=np.stack([full for _, full in diffusivities], axis=1),
         reduced_diffusivity=np.stack([reduced for reduced, _ in diffusivities], axis=1),
         flows_backward_first=backward,
@@ -186,48 +184,38 @@ def kind_of_change(before: Conditions, after: Conditions) -> Array:
     return np.where(bath, np.where(pressure == 0.0, 2, -1), compression)
 
 
-def coefficient_of_determination(data: Array, model: Array, rounding: float = NO_VARIATION) -> Array:
-    """R^2 = 1 - (sum of squared residuals)/(sum of squares of the data about their mean), over the last axis.
-
-    1 where the curves agree, 0 where the model is no better than the mean of the data, negative where it is
-    worse; nan where the data do not vary by more than ``rounding`` (there is no signal to explain).
-    """
-    residual = ((data - model) ** 2).sum(axis=-1)
-    total = ((data - data.mean(axis=-1, keepdims=True)) ** 2).sum(axis=-1)
-    varies = np.ptp(data, axis=-1) > rounding
-    return np.where(varies, 1.0 - residual / np.where(varies, total, 1.0), np.nan)
-
-
 def _best_states(conditions: Sequence[Conditions], rows: int) -> Array:
     """``LINEARISED_AT`` by the changes in the phases, ``(rows, phases)``."""
-    kinds = [np.broadcast_to(kind_of_change(*pair), (rows, 1)) for pair in pairwise(conditions)]
-    return np.array(LINEARISED_AT)[np.concatenate(kinds, axis=1)]
+    kinds = [np.broadcast_to(kind_of_change(*pair), rows) for pair in pairwise(conditions)]
+    return np.array(LINEARISED_AT)[np.stack(kinds, axis=1)]
 
 
-def _states_of_rest(mixture: Mixture, conditions: Sequence[Conditions]) -> tuple[list[_Rest], list[list[_Step]]]:
-    """States of rest under the conditions, and the steps from each to the next: by its pressure, then by its bath."""
-    bath = mixture.bath_osmotic_coefficient
-    given = [value for each in conditions for value in each]
-    shape = np.broadcast_shapes((1, 1), bath.shape, mixture.tissue.youngs_modulus.shape, *map(np.shape, given))
+def _equilibria(tissue: Tissue, conditions: Sequence[Conditions]) -> tuple[list[_Equilibrium], list[list[_Step]]]:
+    """Equilibria under the conditions, and the steps from each to the next: by its pressure, then by its bath."""
+    given = [np.asarray(value) for each in conditions for value in each]
+    numbers = [*tissue.solid, *tissue.permeability, *tissue.osmotic, *tissue[3:]]
+    shape = np.broadcast_shapes((1,), *map(np.shape, [*numbers, *given]))
 
-    def at(pressure: Array | float, concentration: Array | float) -> _Rest:
-        J = equilibrium_volume_ratio(mixture.tissue, pressure, concentration, bath, swelling=True)
-        return np.broadcast_to(J, shape), np.broadcast_to(np.log(concentration), shape)
+    def at(pressure: Array | float, concentration: Array | float) -> _Equilibrium:
+        J = equilibrium_volume_ratio(tissue, pressure, concentration)
+        return np.broadcast_to(J, shape), np.broadcast_to(bath_log_activity(tissue.osmotic, concentration), shape)
 
-    def contents(rest: _Rest) -> Array:
-        return np.concatenate(list(mixture.contents(mixture.at(*rest))[:2]), axis=1)
+    def contents(equilibrium: _Equilibrium) -> Array:
+        J, activity = equilibrium
+        _, anion = ion_concentrations(tissue.osmotic, fixed_charge_density(tissue, J), activity)
+        return np.stack([J, J * fluid_fraction(tissue, J) * anion], axis=1)
 
-    rests = [at(*each[:2]) for each in conditions]
+    equilibria = [at(*each[:2]) for each in conditions]
     steps = []
-    for rest, later, (before, after) in zip(rests, rests[1:], pairwise(conditions), strict=False):
+    for start, end, (before, after) in zip(equilibria, equilibria[1:], pairwise(conditions), strict=False):
         pressed = contents(at(after.piston_pressure, before.bath_concentration))
         steps.append(
             [
-                _Step(after.pressure_ramp, pressed - contents(rest)),
-                _Step(after.bath_ramp, contents(later) - pressed),
+                _Step(after.pressure_ramp, pressed - contents(start)),
+                _Step(after.bath_ramp, contents(end) - pressed),
             ]
         )
-    return rests, steps
+    return equilibria, steps
 
 
 def _volume_change(column: LinearColumn, time: Array, past: Sequence[tuple[Array, _Step]]) -> Array:
@@ -247,6 +235,7 @@ def _ramped_change(column: LinearColumn, time: Array, ramp: Array | float, conte
     """
     if not np.any(ramp):
         return column.mean_volume_change(time, contents)
+    ramp = np.reshape(ramp, (-1, 1))
     since = np.maximum(time - ramp, 0.0)
     low, high = np.sqrt(since), np.sqrt(np.maximum(time, 0.0))
     roots = 0.5 * (low + high)[..., None] + 0.5 * (high - low)[..., None] * _NODES  # (rows, times, nodes)

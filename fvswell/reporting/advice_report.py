@@ -1,4 +1,4 @@
-"""What `fvswell advise` tells of a case."""
+"""What `fvswell advise` says of a case."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def advice_tables(advice: Advice) -> list[TextTable]:
         ]
         for phase in advice.phases
     ]
-    header = ["phase", "duration (s)", "strain at rest", "R^2", "largest error", "of the strain", "after (s)"]
+    header = ["phase", "duration (s)", "equilibrium strain", "R^2", "largest error", "of the strain", "after (s)"]
     predicted = TextTable("Predicted error of biphasic-swelling, from electrochemical", header, rows)
     rows = [
         [phase.name, f"{phase.consolidation_time:.4g}", f"{phase.diffusion_time:.4g}", _direction(phase)]

@@ -14,7 +14,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from fvswell.analysis.comparison import Comparison
-from fvswell.analysis.histories import is_told, local_strain, profile_at
+from fvswell.analysis.histories import is_known, local_strain, profile_at
 from fvswell.errors import OutputError
 from fvswell.physics.tissue import Array
 from fvswell.reporting.plots import (
@@ -167,7 +167,7 @@ def _ratios(heights: Sequence[float]) -> list[float]:
 
 def _limits(results: Mapping[str, xr.Dataset], times: Sequence[float]) -> Array:
     """Least and largest coordinates of all that is drawn, ``(2 axes, 2)``, mm."""
-    drawn = [moved_nodes(result, at) for result in results.values() for at in [0.0, *times] if is_told(result, at)]
+    drawn = [moved_nodes(result, at) for result in results.values() for at in [0.0, *times] if is_known(result, at)]
     points = np.concatenate(drawn, axis=1)
     low, high = points.min(axis=1), points.max(axis=1)
     slender = not _to_scale(np.stack([low, high], axis=1))
@@ -198,7 +198,7 @@ def _colours(results: Mapping[str, xr.Dataset], times: Sequence[float], name: st
             for result in results.values()
             if name in result
             for at in times
-            if is_told(result, at)
+            if is_known(result, at)
         ]
         or [np.zeros(1)]
     )
@@ -217,7 +217,7 @@ def _height_label(limits: Array) -> str:
 
 
 def _draw_field(axes: Axes, result: xr.Dataset, name: str, at: float, colours: ScalarMappable) -> None:
-    if not is_told(result, at):
+    if not is_known(result, at):
         axes.text(0.5, 0.5, "no output", transform=axes.transAxes, ha="center", va="center", color="0.5")
         return
     values = profile_at(result, result[name].values, at) * print_unit(name)[0]
@@ -227,7 +227,7 @@ def _draw_field(axes: Axes, result: xr.Dataset, name: str, at: float, colours: S
 
 
 def _draw_cells(axes: Axes, result: xr.Dataset, values: Array, at: float, colours: ScalarMappable) -> None:
-    """Fill the cells where they are, and draw the outline of the block there and at rest."""
+    """Fill the cells where they are, and draw the outline of the block there and in equilibrium."""
     cells = quadrilaterals(result)
     corners = moved_nodes(result, at).T[cells]
     style: dict[str, Any] = {"facecolors": colours.to_rgba(values), "edgecolors": "face", "linewidths": 0.1}

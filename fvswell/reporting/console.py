@@ -1,56 +1,25 @@
-"""How the commands print: lines, tables, progress and errors.
+"""How the commands print: lines, tables and progress.
 
 On a terminal there are drawn tables and a progress line; elsewhere plain aligned text and a line at every
-tenth of the run, so that a log can be read. Errors go to the standard error stream.
+tenth of the run, so that a log can be read.
 """
 
 from __future__ import annotations
 
-import functools
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, NamedTuple, ParamSpec
+from typing import TYPE_CHECKING, NamedTuple
 
 import typer
-
-from fvswell.case.errors import CaseError
-from fvswell.errors import OutputError, SolverError
 
 if TYPE_CHECKING:
     from fvswell.simulation.run import Progress
 
-__all__ = ["Console", "TextTable", "percent", "told_errors"]
-
-BAD_INPUT, SOLVER_STOPPED, INTERRUPTED = 2, 3, 130
+__all__ = ["Console", "TextTable", "percent"]
 
 _PLAIN_LINES = 10  # in a run whose output is no terminal
-_Parameters = ParamSpec("_Parameters")
-
-
-def told_errors(command: Callable[_Parameters, None]) -> Callable[_Parameters, None]:
-    """Turn the errors that a user can do something about into a message and an exit code."""
-
-    @functools.wraps(command)
-    def wrapped(*args: _Parameters.args, **kwargs: _Parameters.kwargs) -> None:
-        try:
-            command(*args, **kwargs)
-        except (CaseError, OutputError) as error:
-            _stop(str(error), BAD_INPUT)
-        except SolverError as error:
-            _stop(str(error), SOLVER_STOPPED)
-        except MemoryError:
-            _stop("out of memory: fewer cells, steps or output times need less", SOLVER_STOPPED)
-        except KeyboardInterrupt:
-            _stop("interrupted: nothing unfinished is kept", INTERRUPTED)
-
-    return wrapped
-
-
-def _stop(message: str, code: int) -> None:
-    typer.echo("\n".join(f"error: {line}" for line in message.splitlines()), err=True)
-    raise typer.Exit(code)
 
 
 class TextTable(NamedTuple):
@@ -98,16 +67,19 @@ class _PlainProgress:
     """A line at every tenth of a run."""
 
     def __init__(self, model: str) -> None:
-        self.model, self.lines, self.began = model, 0, 0.0
+        self.model, self.lines = model, 0
+        self.start: tuple[float, float] | None = None  # when, and how much of the run there was
 
     def __call__(self, progress: Progress) -> None:
-        if progress.steps == 0:
-            self.began = time.perf_counter()
         share = progress.time / progress.phase_ends[-1]
+        if self.start is None:
+            self.start = time.perf_counter(), share
+            self.lines = int(share * _PLAIN_LINES + 1e-9)
         if share * _PLAIN_LINES < self.lines + 1 - 1e-9:
             return
         self.lines = int(share * _PLAIN_LINES + 1e-9)
-        left = (time.perf_counter() - self.began) * (1.0 / share - 1.0)
+        began, before = self.start
+        left = (time.perf_counter() - began) * (1.0 - share) / (share - before)
         typer.echo(
             f"{self.model}: {100.0 * share:3.0f} %, t = {progress.time:.5g} s, "
             f"strain {percent(progress.strain)}, {max(left, 0.0):.0f} s left"

@@ -1,6 +1,6 @@
 """Figures for print: histories of columns and profiles over their depth.
 
-Sizes are those of a journal page. Colours (Okabe & Ito) can be told apart by the colour-blind, and lines
+Sizes are those of a journal page. Colours (Okabe & Ito) are distinct to the colour-blind, and lines
 differ in style as well. Figures are made without pyplot, so no display or global state is involved.
 """
 
@@ -208,7 +208,7 @@ def line_styles(results: Mapping[str, xr.Dataset]) -> dict[str, Line]:
 
 
 def result_labels(paths: Sequence[Path], results: Sequence[xr.Dataset]) -> list[str]:
-    """Labels that tell results apart: their models, else their paths."""
+    """Labels that distinguish results: their models, else their paths."""
     models = [str(result.attrs["model"]) for result in results]
     if len(set(models)) == len(models):
         return models

@@ -1,4 +1,4 @@
-"""What `fvswell rules` tells of a study: tables, files and a figure."""
+"""What `fvswell rules` says of a study: tables, files and a figure."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from fvswell.analysis.prediction_accuracy import Assessment, ErrorDistribution, prediction_errors
-from fvswell.analysis.rules import CurveFit, fitted_points
+from fvswell.analysis.prediction_accuracy import Assessment, ErrorDistribution
+from fvswell.analysis.rules import CurveFit, fitted_points, r_squared_by_rule, rule_errors
 from fvswell.errors import OutputError
 from fvswell.reporting.console import TextTable
 from fvswell.reporting.plots import PAGE_WIDTH, in_print_style
@@ -53,19 +53,19 @@ def rules_tables(points: StudyPoints, fits: Fits, assessment: Assessment) -> lis
     for curve, errors in assessment.errors.items():
         rows.append([f"{curve}: predictor", *_error_cells(errors)])
         if curve in fits:
-            rows.append([f"{curve}: rule", *_rule_cells(points, curve, fits[curve])])
+            rows.append([f"{curve}: rule", *_error_cells(rule_errors(points, curve, fits[curve]))])
     header = ["errors of R^2", "points", "median", "90 %", "<= 0.01", "misfit x/: median", "90 %", "bias x"]
     tables.append(TextTable("Predicted against simulated R^2 (misfit: 1 - R^2)", header, rows))
     rows = [
         [f"{each.curve}, {_bounds(each.low, each.high)}", *_error_cells(each.errors)] for each in assessment.by_strain
     ]
-    tables.append(TextTable("The predictor by strain, from rest to rest", header, rows))
+    tables.append(TextTable("The predictor by strain, between equilibria", header, rows))
     if assessment.choices:
         rows = [
             [f"{each.curve}, from {each.chosen_from}", f"{each.linearised_at:.2f}", *_error_cells(each.errors)]
             for each in assessment.choices
         ]
-        title = "State linearised about (0: first rest, 1: last), chosen on half of the runs, errors on the other half"
+        title = "State linearised about (0: first equilibrium, 1: last) chosen on half of the runs; errors on the rest"
         tables.append(TextTable(title, [header[0], "state", *header[1:]], rows))
     return tables
 
@@ -101,14 +101,10 @@ def write_points(path: Path, points: StudyPoints, fits: Fits, assessment: Assess
         If the file cannot be written.
     """
     curves = [CURVES[index] for index in points.curve]
-    by_rule = np.full(len(curves), np.nan)
-    for curve, fit in fits.items():
-        own = points.of_curve(curve)
-        by_rule[own] = fit(points.applicability[own])
     columns = {
         "run": points.run, "phase": points.phase, "curve": curves, "applicability": points.applicability,
         "mobility_ratio": points.mobility_ratio, "strain": points.strain, "r_squared": points.r_squared,
-        "predicted_r_squared": assessment.predicted, "fitted_r_squared": by_rule,
+        "predicted_r_squared": assessment.predicted, "fitted_r_squared": r_squared_by_rule(points, fits),
     }  # fmt: skip
     write_table(path, columns, zip(*columns.values(), strict=True))
 
@@ -161,7 +157,7 @@ def _draw_predicted(axes: Axes, points: StudyPoints, curve: str, assessment: Ass
     )
     axes.set(xscale="log", yscale="log", xlim=ends, ylim=ends, xlabel="$1 - R^2$, simulated", aspect="equal")
     if curve == points.curves[-1]:
-        axes.figure.colorbar(dots, ax=axes, label="strain, from rest to rest", extend="max")
+        axes.figure.colorbar(dots, ax=axes, label="strain between equilibria", extend="max")
 
 
 def _interval(value: float, interval: tuple[float, float]) -> list[str]:
@@ -174,11 +170,6 @@ def _error_cells(errors: ErrorDistribution) -> list[str]:
         f"{100.0 * errors.within_hundredth:.0f} %", f"{errors.median_factor:.2f}", f"{errors.ninth_decile_factor:.2f}",
         f"{errors.bias_factor:.2f}",
     ]  # fmt: skip
-
-
-def _rule_cells(points: StudyPoints, curve: str, fit: CurveFit) -> list[str]:
-    own = fitted_points(points, curve)
-    return _error_cells(prediction_errors(points.r_squared[own], fit(points.applicability[own])))
 
 
 def _bounds(low: float, high: float) -> str:

@@ -1,4 +1,4 @@
-"""What `fvswell sensitivity` tells: tables, a file and a figure."""
+"""What `fvswell sensitivity` gives: tables, a file and a figure."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def sensitivity_tables(results: Sequence[Sensitivity]) -> list[TextTable]:
                 header += [f"first, {source}", "+-", f"total, {source}", "+-"]
                 for row, i in zip(rows, _order(result, phase), strict=True):
                     row += [f"{values[i, phase]:.2f}" for values in _columns(indices)]
-            told = "; ".join(
+            effort = "; ".join(
                 f"{source}: {indices.evaluations} runs, log10(1 - R^2) {indices.mean[phase]:.2f} "
                 f"+- {indices.deviation[phase]:.2f}"
                 for source, indices in _sources(result)
             )
-            tables.append(TextTable(f"{result.protocol}, {name}: Sobol indices ({told})", header, rows))
+            tables.append(TextTable(f"{result.protocol}, {name}: Sobol indices ({effort})", header, rows))
     return tables
 
 

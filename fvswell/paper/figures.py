@@ -1,6 +1,6 @@
 """The paper's figures, drawn anew: histories (3, 4), local strains (5, 6), the sweep (7, 8) and the block (9).
 
-Our copy of the paper has no figures. What they show is inferred from its text: docs/studies.md tells how.
+Our copy of the paper has no figures. What they show is inferred from its text: docs/studies.md says how.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from fvswell.analysis.comparison import ColumnDifference, Comparison
 from fvswell.analysis.fit import Fit
 from fvswell.analysis.histories import history_at, local_strain, profile_at
 from fvswell.analysis.rules import CurveFit
-from fvswell.reporting.paper import PaperResults
+from fvswell.paper.reproduction import PaperResults
 from fvswell.reporting.plots import PAGE_WIDTH, axis_label, draw_histories, in_print_style, line_styles, time_unit
 from fvswell.reporting.rules_report import draw_fit
 from fvswell.study.points import CURVES, PAPER_MODELS, StudyPoints
