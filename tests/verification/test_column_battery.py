@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 import xarray as xr
+from columns import CONTROLLED as CONTROL
 from columns import compression, swelling
 from scipy.interpolate import CubicSpline
 
@@ -14,12 +15,12 @@ import fvswell
 from fvswell.case.case import Case
 from fvswell.physics.constants import FARADAY, GAS_CONSTANT
 from fvswell.physics.models import MODELS
-from fvswell.physics.solid import uniaxial_stress
+from fvswell.physics.solids import uniaxial_stress
 from fvswell.physics.tissue import Array, Tissue
 from fvswell.results.fields import FIELDS
 
 SMALL = {"geometry__cells": 24, "time__steps_per_phase": 8}
-CONTROLLED = {"geometry__cells": 24, "time__scheme": "sdirk2", "time__tolerance": 1e-3}
+CONTROLLED = {"geometry__cells": 24} | CONTROL
 LAYERED = {
     "tissue__solid": "holmes-mow", "tissue__stiffening_coefficient": 0.6, "tissue__permeability_exponent": 2.0,
     "tissue__activity_ratio": 0.9,
@@ -97,8 +98,8 @@ def test_solid_keeps_its_volume_and_height_is_the_sum_of_the_cells(model: str, p
 @pytest.mark.parametrize(("model", "protocol"), BATTERY)
 def test_piston_carries_the_total_stress_at_every_depth(model: str, protocol: str) -> None:
     """sigma_s - p = -P, with the stress of the law."""
-    result = run(model, protocol)
-    stress = uniaxial_stress(tissue_of(result, protocol), result["volume_ratio"].values)
+    result, tissue = run(model, protocol), tissue_of(run(model, protocol), protocol)
+    stress = uniaxial_stress(tissue.solid, result["volume_ratio"].values, tissue.fluid_fraction)
     np.testing.assert_allclose(result["effective_stress"], stress, rtol=1e-12, atol=1e-15)
     total = result["effective_stress"] - result["fluid_pressure"]
     np.testing.assert_allclose(total, np.broadcast_to(-result["applied_pressure"], total.T.shape).T, atol=1e-13)
@@ -112,14 +113,14 @@ def test_water_potential_is_pressure_less_osmotic_pressure(model: str, protocol:
 
 
 @pytest.mark.parametrize(("model", "protocol"), BATTERY)
-def test_sample_starts_at_rest_in_its_bath(model: str, protocol: str) -> None:
+def test_sample_starts_in_equilibrium_with_its_bath(model: str, protocol: str) -> None:
     start = run(model, protocol).isel(time=0)
     assert (start["time"], start["global_strain"], start["applied_pressure"]) == (0.0, 0.0, 0.0)
     bath = 2 * 0.93 * GAS_CONSTANT * 298.0 * 1.5e-4 if model != "biphasic" else 0.0
     np.testing.assert_allclose(start["water_potential"], -bath, rtol=1e-11, atol=1e-13)
     for name in start:
-        if name.endswith("flux") or name == "current_density":
-            assert np.all(start[name] == 0.0), name
+        if name.endswith("flux") and not (model == "biphasic" and protocol == "swelling"):  # where nothing ever flows
+            assert np.abs(start[name]).max() < 1e-11 * np.abs(run(model, protocol)[name]).max(), name
 
 
 @pytest.mark.parametrize(("model", "protocol"), BATTERY)
@@ -150,17 +151,17 @@ def test_electroneutrality_and_donnan(model: str, protocol: str) -> None:
     cation, anion, charge = (result[name].values for name in
                              ("cation_concentration", "anion_concentration", "fixed_charge_density"))  # fmt: skip
     assert np.all(np.abs(cation - anion - charge) <= 1e-14 * cation)
-    product = tissue.activity_ratio * result["virtual_concentration"].values ** 2
+    product = tissue.osmotic.activity_ratio * result["virtual_concentration"].values ** 2
     np.testing.assert_allclose(cation * anion, product, rtol=1e-13)
     per_solid = result["volume_ratio"].values * result["fluid_fraction"].values * charge
     expected = tissue.fixed_charge_density * tissue.fluid_fraction
     np.testing.assert_allclose(per_solid, np.broadcast_to(expected, per_solid.shape), rtol=1e-12)
-    osmotic = tissue.osmotic_coefficient * GAS_CONSTANT * 298.0 * (cation + anion)
+    osmotic = tissue.osmotic.osmotic_coefficient * GAS_CONSTANT * 298.0 * (cation + anion)
     np.testing.assert_allclose(result["osmotic_pressure"], osmotic, rtol=1e-13)
     if model == "biphasic-swelling":  # the salt follows the bath
         bath = np.broadcast_to(result["bath_concentration"], cation.T.shape).T
         np.testing.assert_allclose(result["virtual_concentration"], bath, rtol=1e-13)
-        donnan = -GAS_CONSTANT * 298.0 / FARADAY * np.log(cation / bath / np.sqrt(tissue.activity_ratio))
+        donnan = -GAS_CONSTANT * 298.0 / FARADAY * np.log(cation / bath / np.sqrt(tissue.osmotic.activity_ratio))
         np.testing.assert_allclose(result["electric_potential"], donnan, rtol=1e-12, atol=1e-12)
     assert np.all(result["electric_potential"] < 0.0)
 
@@ -201,10 +202,11 @@ def independent_fluxes(result: xr.Dataset, protocol: str) -> dict[str, Array]:
         # F grad psi~ = F grad xi + RT grad ln(c+/c~)
         psi_slope = FARADAY * xi_slope + RT * (ions["cation"][1] / ions["cation"][0] - salt_slope / salt)
 
-        def inner(value: Array) -> Array:
-            return value[0, r] if value.shape[1] > 1 else value[0]
+        def inner(value: Array | float) -> Array | float:
+            return value[r] if isinstance(value, np.ndarray) else value
 
-        k = inner(tissue.hydraulic_permeability) * np.exp(inner(tissue.permeability_exponent) * (J - 1.0))
+        law = tissue.permeability
+        k = inner(law.hydraulic_permeability) * np.exp(inner(law.permeability_exponent) * (J - 1.0))
         water = -k * (water_slope + inner(w) * (total * RT * salt_slope / salt + charge * psi_slope))
         parts = {"water_flux": water}
         for ion, valence in (("cation", 1), ("anion", -1)):
@@ -253,7 +255,7 @@ def test_signs_in_compression(model: str, protocol: str) -> None:
     assert np.all(loading["water_flux"][1:, 0] < 0.0)  # out of the sample
     excess = loading["fluid_pressure"][1] - loading["fluid_pressure"][0]
     assert np.all(excess > 0.0)
-    assert excess.max() == excess[-1] < 0.25 + 1e-12  # the water carries the load longest at the piston
+    assert excess.max() - 1e-12 < excess[-1] < 0.25 + 1e-12  # the water carries the load longest at the piston
     unloading = result.isel(time=result["time"] >= 600.0)
     assert np.all(np.diff(unloading["global_strain"]) > 0.0)
     assert np.all(unloading["water_flux"][1:, 0] > 0.0)
@@ -263,6 +265,6 @@ def test_signs_in_a_weaker_bath() -> None:
     first = run("electrochemical", "swelling")
     first = first.isel(time=(first["time"] > 0.0) & (first["time"] <= 600.0))
     assert np.all(first["anion_flux"][:, 0] < 0.0)  # salt leaves
-    assert np.all(first["virtual_concentration"] <= 1.5e-4 * (1 + 1e-12))
+    assert np.all(first["virtual_concentration"] <= 1.5e-4 * (1 + 1e-8))  # a scheme of high order is not monotone
     assert np.all(first["virtual_concentration"] >= 1e-4)
     assert first["global_strain"][-1] > 0.05

@@ -38,7 +38,7 @@ def test_biphasic_starts_stress_free(loaded: Results) -> None:
     assert np.all(loaded["biphasic"]["effective_stress"][0] == 0.0)
 
 
-def test_swelling_models_head_for_the_same_rest(loaded: Results, bathed: Results) -> None:
+def test_swelling_models_head_for_the_same_equilibrium(loaded: Results, bathed: Results) -> None:
     for results in (loaded, bathed):
         rest = [results[model]["equilibrium_strain"].values for model in SWELLING]
         np.testing.assert_allclose(rest[0], rest[1], rtol=1e-12, atol=1e-14)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from blocks import BATH, UNCONFINED, block_system, protocol
+from blocks import UNCONFINED, integrate, make_control, make_protocol, phase, uniform_block
 from tissues import reference_tissue
 
-from fvswell.block.equilibrium import equilibrated_state
-from fvswell.block.grid import block_grid, graded_nodes
+from fvswell.block.equilibrium import equilibrated_body
+from fvswell.block.grid import block_grid
 from fvswell.exact.mandel import MandelBlock
 from fvswell.exact.unconfined_compression import UnconfinedDisc
-from fvswell.numerics.time_stepping import SDIRK2, Marcher, State, Step, StepControl
+from fvswell.numerics.graded_grid import graded_nodes
 from fvswell.physics.models import BIPHASIC
 from fvswell.physics.tissue import Array, Tissue
 
@@ -24,27 +24,17 @@ def _history(
 ) -> tuple[Array, Array, Array, Array]:
     """Pressures (times, cells in the bottom row), their places, displacements of the top and of the right edge."""
     grid = block_grid(kind, graded_nodes(1.0, cells, 5.0, ["end"]), graded_nodes(0.5, 2))
-    system = block_system(grid, UNCONFINED, BIPHASIC, tissue)
-    state = equilibrated_state(system, BATH)
+    body, state = equilibrated_body(uniform_block(grid, UNCONFINED, BIPHASIC, tissue))
+    block, rim = body.block, grid.edge_vertices("right")[0]
     times = _SCALED_TIMES * duration
-    found: list[tuple[Array, float, float]] = []
-    rim = grid.edge_vertices("right")[0]
-
-    def record(state: State, step: Step) -> None:
-        if np.isclose(state.elapsed[0], times, rtol=1e-9).any():
-            unknowns = state.unknowns[0, 0]
-            pressure = system.block.potentials(unknowns)[0, 0, :cells].copy()
-            outward = (system.block.positions(unknowns) - grid.vertices)[0, rim]
-            found.append((pressure, float(state.loads["top.displacement"][0]), float(outward)))
-
-    control = StepControl(SDIRK2, np.array([tolerance * _SMALL]), first_step=1e-5 * duration)
-    loads = protocol([times[-1]], [times], bath=[(BATH, 0.0)], top__force=[(force, 0.0)])
-    marcher = Marcher(system, loads, control, state, [record])
-    marcher.run()
-    assert not marcher.failures
-    pressure, top, outward = (np.array(part) for part in zip(*found, strict=True))
-    assert len(top) == len(times)
-    return pressure, grid.centres[0, :cells], top, outward
+    control = make_control(tolerance=tolerance, expected_strain=_SMALL, first_step=1e-5 * duration)
+    run = integrate(body, state, make_protocol([phase(body, top__force=force)], [times[-1]], times), control)
+    assert run.complete
+    unknowns = run.filled("unknowns")
+    assert len(unknowns) == len(times)
+    pressure = np.array([block.potentials(each)[0, :cells] for each in unknowns])
+    outward = np.array([(block.positions(each) - grid.vertices)[0, rim] for each in unknowns])
+    return pressure, grid.centres[0, :cells], run.load("top.displacement"), outward
 
 
 def test_mandel() -> None:

@@ -15,8 +15,8 @@ COMPARABLE = {"bath__temperature": 298.0 * 8.3145 / 8.314462618, "geometry__cell
 
 
 @pytest.fixture(scope="module")
-def rest() -> dict[str, xr.Dataset]:
-    """Loading by 0.25 MPa to rest and back, in each model."""
+def equilibria() -> dict[str, xr.Dataset]:
+    """Loading by 0.25 MPa to equilibrium and back, in each model."""
     case = relaxed(compression(**COMPARABLE))
     return {model: fvswell.run(case, model) for model in MODELS}
 
@@ -25,13 +25,13 @@ def rest() -> dict[str, xr.Dataset]:
     ("model", "free", "loaded"),
     [("biphasic", 1.0, 0.682746), ("biphasic-swelling", 1.054503, 0.822614), ("electrochemical", 1.054503, 0.822614)],
 )
-def test_compression(rest: dict[str, xr.Dataset], model: str, free: float, loaded: float) -> None:
-    J = rest[model]["volume_ratio"].values
+def test_compression(equilibria: dict[str, xr.Dataset], model: str, free: float, loaded: float) -> None:
+    J = equilibria[model]["volume_ratio"].values
     np.testing.assert_allclose(J[0], free, atol=1e-6)
     np.testing.assert_allclose(J[40], loaded, atol=1e-6)
     np.testing.assert_allclose(J[-1], free, atol=1e-6)  # nothing is left of the way there
-    strain = rest[model]["global_strain"].values[[40, -1]]
-    np.testing.assert_allclose(strain, rest[model]["equilibrium_strain"], atol=1e-6)
+    strain = equilibria[model]["global_strain"].values[[40, -1]]
+    np.testing.assert_allclose(strain, equilibria[model]["equilibrium_strain"], atol=1e-6)
 
 
 @pytest.mark.parametrize("model", ["biphasic-swelling", "electrochemical"])
@@ -47,18 +47,20 @@ def test_equal_osmotic_coefficients() -> None:
     np.testing.assert_allclose(result["volume_ratio"][[0, -1]], 1.166001, atol=1e-6)
 
 
-def test_both_swelling_models_come_to_the_same_rest(rest: dict[str, xr.Dataset]) -> None:
+def test_both_swelling_models_reach_the_same_equilibrium(equilibria: dict[str, xr.Dataset]) -> None:
     for field in ("volume_ratio", "cation_concentration", "osmotic_pressure", "fluid_pressure", "electric_potential"):
-        one, other = (rest[model][field].values[[0, 40, -1]] for model in ("biphasic-swelling", "electrochemical"))
+        one, other = (
+            equilibria[model][field].values[[0, 40, -1]] for model in ("biphasic-swelling", "electrochemical")
+        )
         np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-7 * np.abs(one).max(), err_msg=field)
 
 
-def test_at_rest_everything_is_the_baths(rest: dict[str, xr.Dataset]) -> None:
+def test_in_equilibrium_everything_is_the_baths(equilibria: dict[str, xr.Dataset]) -> None:
     """Potentials of the bath throughout, no flux, and the piston carried by the solid and the excess pressure."""
-    end = rest["electrochemical"].isel(time=40)
+    end = equilibria["electrochemical"].isel(time=40)
     bath_pressure = 2 * 0.93 * 8.3145 * 298.0 * 1.5e-4
     np.testing.assert_allclose(end["virtual_concentration"], 1.5e-4, rtol=1e-6)
     np.testing.assert_allclose(end["water_potential"], -bath_pressure, rtol=1e-6)
-    start_flux = float(np.abs(rest["electrochemical"]["water_flux"]).max())
+    start_flux = float(np.abs(equilibria["electrochemical"]["water_flux"]).max())
     assert np.abs(end["water_flux"]).max() < 1e-5 * start_flux
     np.testing.assert_allclose(end["effective_stress"] - end["fluid_pressure"], -0.25, atol=1e-12)

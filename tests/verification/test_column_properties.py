@@ -14,7 +14,7 @@ import fvswell
 from fvswell import CaseError, SolverError
 from fvswell.case.case import Case
 from fvswell.physics.models import MODELS
-from fvswell.physics.solid import SOLIDS
+from fvswell.physics.solids import SOLIDS
 
 
 def decades(low: float, high: float) -> st.SearchStrategy[float]:
@@ -29,7 +29,7 @@ def varying(values: st.SearchStrategy[float]) -> st.SearchStrategy[Any]:
 
 @st.composite
 def tissues(draw: st.DrawFn) -> dict[str, Any]:
-    solid = draw(st.sampled_from(SOLIDS))
+    solid = draw(st.sampled_from(tuple(SOLIDS)))
     tissue = {
         "solid": solid,
         "youngs_modulus": draw(varying(decades(0.1, 1.0))),
@@ -44,7 +44,10 @@ def tissues(draw: st.DrawFn) -> dict[str, Any]:
         "anion_diffusivity": draw(varying(decades(1.6e-4, 4e-3))),
         "hindrance_factor": draw(st.floats(0.0, 1.0)),
     }
-    return tissue | ({"stiffening_coefficient": draw(st.floats(0.1, 1.5))} if solid == "holmes-mow" else {})
+    of_solids = {"shear_modulus": draw(decades(0.05, 0.4)), "stiffening_coefficient": draw(st.floats(0.1, 1.5))}
+    own = SOLIDS[solid]._fields
+    kept = {key: value for key, value in tissue.items() if key in own or key not in ("youngs_modulus", "poisson_ratio")}
+    return kept | {key: value for key, value in of_solids.items() if key in own}
 
 
 @st.composite
@@ -69,7 +72,7 @@ def phases(draw: st.DrawFn) -> list[dict[str, Any]]:
 
 SCHEMES = st.one_of(
     st.integers(2, 12).map(lambda n: {"scheme": "backward-euler", "steps_per_phase": n}),
-    decades(3e-3, 3e-2).map(lambda tolerance: {"scheme": "sdirk2", "tolerance": tolerance}),
+    decades(3e-3, 3e-2).map(lambda tolerance: {"scheme": "esdirk43", "tolerance": tolerance}),
 )
 
 
@@ -87,15 +90,13 @@ def check(case: Case, model: str) -> None:
     status = result.attrs["run_status"]
     if status != "complete":
         assert status.startswith("stopped at t = ")
-        assert "balance did not converge" in status
+        assert "balance did not converge" in status or "without water" in status
         assert result["fluid_fraction"].min() < 0.02, f"it gave up with water in every cell: {status}"
     assert np.all(np.isfinite(result["volume_ratio"]))
     assert np.all(result["fluid_fraction"] > 0.0)
-    # a piston that stands still lets nothing pass: then the mismatch is told relative to 1e-4 of the content
-    held = any(phase.piston_displacement is not None for phase in case.phase)
     for name in result:
         if name.endswith("_balance_error"):
-            assert result[name].max() < (1e-8 if held else 1e-10), name
+            assert result[name].max() < 1e-10, name
     if model != "biphasic":
         cation, anion = result["cation_concentration"], result["anion_concentration"]
         assert np.all(anion > 0.0)

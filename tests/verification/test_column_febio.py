@@ -45,7 +45,7 @@ def same_scheme(name: str, step: float, temperature: float = 298.0) -> Array:
 def converged(name: str) -> Array:
     """Our strain at their times in the 100 s after each change and at some later ones, free of the error in time."""
     case = CASES[name].with_changes(
-        {"time.scheme": "sdirk2", "time.tolerance": 1e-5, "output.times": judged_times(name).tolist()}
+        {"time.scheme": "esdirk43", "time.tolerance": 1e-5, "output.times": judged_times(name).tolist()}
     )
     return strain_at(fvswell.run(case), judged_times(name))
 
@@ -53,7 +53,7 @@ def converged(name: str) -> Array:
 @cache
 def controlled(name: str) -> Array:
     """Our strain with the scheme and tolerance that cases have by default."""
-    case = CASES[name].with_changes({"time.scheme": "sdirk2", "output.times": judged_times(name).tolist()})
+    case = CASES[name].with_changes({"time.scheme": "esdirk43", "output.times": judged_times(name).tolist()})
     return strain_at(fvswell.run(case), judged_times(name))
 
 
