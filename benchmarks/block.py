@@ -1,4 +1,4 @@
-"""Speed of blocks: assembly and solution of a Newton iteration, growth with the grid, orderings, memory.
+"""Speed of blocks: whole runs, the parts of a Newton iteration, growth with the grid, orderings, memory.
 
     python benchmarks/block.py [MOST_CELLS]    prints a Markdown page; docs/speed-blocks.md keeps one
 
@@ -27,14 +27,17 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 import fvswell
-from fvswell.block.block import Block
-from fvswell.block.system import edge_loads
-from fvswell.block.transport import BlockInterval
+from fvswell.block.block import Block, Interval
+from fvswell.block.edges import edge_loads
+from fvswell.block.linearisation import Linearisation
+from fvswell.block.make_block import unknown_places
 from fvswell.numerics.sparse_lu import DirectSolver
+from fvswell.numerics.state import record_room, workspace
 from fvswell.simulation.block_run import BlockRun
 
 CASE = Path(__file__).parent.parent / "cases" / "plane_strain.toml"
 SIDES = (20, 40, 80, 160)
+WHOLE = (20, 40)  # sides of the grids that the case is run on
 DURATION = 100.0  # s, of the step whose iteration is timed
 SYMMETRIC: dict[str, Any] = {"diag_pivot_thresh": 0.01, "options": {"SymmetricMode": True}}
 ORDERINGS: dict[str, tuple[int, dict[str, Any]]] = {  # of SuperLU, and the most cells that they take seconds for
@@ -54,22 +57,44 @@ def fastest(function: Callable[[], object], repeats: int) -> float:
     return min(durations)
 
 
+def whole(side: int) -> list[float]:
+    """Seconds of the processor for set-up, integration and fields of a run; its steps, iterations and outputs."""
+    case = fvswell.load_case(CASE).with_changes({"geometry.cells": [side, side]})
+    best: list[list[float]] = []
+    for _ in range(3):
+        times = [time.process_time()]
+        setup = BlockRun(case)
+        times.append(time.process_time())
+        state, control, protocol = setup.state, setup.control(), setup.protocol(setup.durations())
+        record, work = record_room(state, 1000, 1000), workspace(state, len(control.nodes))
+        setup.march(setup.body, setup.volumes, setup.scale, protocol, control, state, record, work)
+        times.append(time.process_time())
+        setup.fields(record)
+        times.append(time.process_time())
+        best.append(np.diff(times).tolist())
+    outputs, steps = record.filled
+    counts = [float(steps), float(record.steps[:steps, 2].sum()), float(outputs)]
+    return [min(part) for part in zip(*best, strict=True)] + counts
+
+
 def timings(side: int) -> dict[str, float]:
     """Seconds of the parts of an iteration on a square grid of cells, and the peak of memory in MB."""
-    body = BlockRun(fvswell.load_case(CASE).with_changes({"geometry.cells": [side, side]}))
-    block, state = body.block, body.start()
-    bath = 5e-5
-    interval, loads = BlockInterval(state.contents, DURATION, bath), edge_loads({"bath": np.array([bath])})
-    unknowns, pattern = state.unknowns[0, 0], block.pattern
-    scale = block.residual_scale(bath)
-    entry_scale = block.unknown_scale[pattern.columns] / scale[pattern.rows]
-    evaluated = block.evaluate(unknowns, interval, loads)
-    values = block.jacobian(evaluated, interval, loads) * entry_scale
-    right = evaluated.residual / scale
-    repeats = 5 if side <= 40 else 2
+    setup = BlockRun(fvswell.load_case(CASE).with_changes({"geometry.cells": [side, side]}))
+    block, state, names = setup.block, setup.state, setup.body.load_names
+    unloaded = edge_loads(names, np.full(len(names), np.nan))
+    interval, unknowns, pattern = Interval(state.contents, DURATION, 5e-5, unloaded), state.unknowns, block.pattern
+    evaluated = block.evaluate(unknowns, interval)
+
+    def jacobian() -> np.ndarray:
+        return block.jacobian(block.local_derivatives(evaluated, DURATION), unloaded) * block.entry_scale
+
+    values, right = jacobian(), evaluated.residual / block.residual_scale
+    repeats = 9 if side <= 40 else 3
     found = {"unknowns": float(pattern.size), "nonzeros": float(len(values))}
-    found["residual"] = fastest(lambda: block.evaluate(unknowns, interval, loads), repeats)
-    found["Jacobian"] = fastest(lambda: block.jacobian(evaluated, interval, loads), repeats)
+    found["residual"] = fastest(lambda: block.evaluate(unknowns, interval), repeats)
+    found["Jacobian"] = fastest(jacobian, repeats)
+    linearisation = Linearisation(block, evaluated, interval)
+    found["step with kept factors"] = fastest(lambda: linearisation.step(evaluated, interval), repeats)
     found |= direct("fronts", block, values, right, repeats)
     found["peak memory, MB"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     found |= direct("superlu", block, values, right, repeats)
@@ -91,8 +116,9 @@ def direct(method: str, block: Block, values: np.ndarray, right: np.ndarray, rep
     """Seconds of our own solver by one of its methods."""
     os.environ["FVSWELL_SPARSE_SOLVER"] = method
     pattern = block.pattern
-    found = {"analysis": fastest(lambda: DirectSolver(pattern.rows, pattern.columns, block.places), 1)}
-    solver = DirectSolver(pattern.rows, pattern.columns, block.places)
+    places = unknown_places(block.grid, block.degrees_of_freedom, len(block.balances))
+    found = {"analysis": fastest(lambda: DirectSolver(pattern.rows, pattern.columns, places), 1)}
+    solver = DirectSolver(pattern.rows, pattern.columns, places)
     found["factors"] = fastest(lambda: solver.factorise(values), repeats)
     factors = solver.factorise(values)
     found["solution"] = fastest(lambda: factors.solve(right), repeats)
@@ -152,8 +178,8 @@ def mumps(matrix: sparse.csc_array, right: np.ndarray) -> Peer:
 def own_process(side: int) -> dict[str, float]:
     """Timings in a process of their own, so that memory is that of the one grid."""
     command = [sys.executable, __file__, "--side", str(side)]
-    told = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    return {name: float(value) for name, value in (line.rsplit("\t", 1) for line in told.splitlines())}
+    output = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    return {name: float(value) for name, value in (line.rsplit("\t", 1) for line in output.splitlines())}
 
 
 def growth(cells: list[int], seconds: list[float]) -> float:
@@ -168,14 +194,15 @@ def page(most: int) -> None:
         f"{os.cpu_count()} cores shared with other work, one thread, Python {platform.python_version()}). The model is"
     )
     print("the electrochemical one.\n")
-    began = time.process_time()
-    result = fvswell.run(fvswell.load_case(CASE))
-    print(
-        f"The whole of `cases/plane_strain.toml` (400 cells): {time.process_time() - began:.1f} s, "
-        f"{result.sizes['step']} steps, {int(result['step_iterations'].sum())} Newton iterations.\n"
-    )
+    # first, as the peak of memory of a process is counted from that of the one that starts it
     cells = [side**2 for side in SIDES if side**2 <= most]
     found = {count: own_process(int(count**0.5)) for count in cells}
+    print("`cases/plane_strain.toml` from Python, the code compiled before:\n")
+    print("| cells | set-up | integration | fields of the outputs | steps | Newton iterations | outputs |")
+    print("|---|---|---|---|---|---|---|")
+    for side in WHOLE:
+        print(f"| {side**2} | " + " | ".join(f"{number:.4g}" for number in whole(side)) + " |")
+    print()
     names = list(found[cells[0]])
     print(
         "Seconds of the parts of one Newton iteration, and of factors with solution by other orderings and solvers.\n"
@@ -185,8 +212,8 @@ def page(most: int) -> None:
     for name in names:
         have = [count for count in cells if name in found[count]]
         values = [found[count][name] for count in have]
-        told = [f"{found[count][name]:.4g}" if count in have else "-" for count in cells]
-        print(f"| {name} | {' | '.join(told)} | {growth(have, values) if len(have) > 1 else float('nan'):.2f} |")
+        shown = [f"{found[count][name]:.4g}" if count in have else "-" for count in cells]
+        print(f"| {name} | {' | '.join(shown)} | {growth(have, values) if len(have) > 1 else float('nan'):.2f} |")
 
 
 if __name__ == "__main__":
