@@ -214,7 +214,7 @@ def _time_orders(axis: plt.Axes) -> None:
             axis.loglog(300.0 / counts, error, style, ms=4, color=colour, label=f"{model}, {scheme}")
     steps = 300.0 / counts
     axis.loglog(steps, 4e-4 * steps, "k:", label="first and fourth order")
-    axis.loglog(steps, 4e-9 * steps**4, "k:")
+    axis.loglog(steps, 4e-12 * steps**4, "k:")
     axis.set(xlabel="step, s", ylabel="error of the strain, of the largest")
     axis.xaxis.set_major_formatter(mpl.ticker.ScalarFormatter())
     axis.xaxis.set_minor_formatter(mpl.ticker.NullFormatter())
@@ -257,7 +257,7 @@ def limits() -> plt.Figure:
     balances.text(1190, 1.4e-10, "asserted", ha="right", va="bottom", fontsize=8)
     balances.set(xlabel="time, s", ylabel="mismatch of each step,\nof what crossed the boundary", ylim=(1e-18, 1e-8))
     fast.legend(fontsize=8)
-    balances.legend(fontsize=7, ncols=2, loc="lower right")
+    balances.legend(fontsize=7, ncols=2, loc="center right")
     return figure
 
 
