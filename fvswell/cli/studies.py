@@ -144,7 +144,7 @@ def paper(
     """Draw figures 3 to 9 of Wilson et al. (2005) anew.
 
     Shows what the paper reports beside what comes out, and writes the figures (.png and .pdf), paper.csv and study.nc,
-    the result of the sweep, to output/paper. A sweep that is there already is not run again.
+    the result of the sweep, to output/paper. A sweep that exists already is not run again.
     """
     from fvswell.case.case import load_case
     from fvswell.paper.claims import claims, write_claims

@@ -57,7 +57,7 @@ def paper_results(
     sweep
         The study over tissue properties.
     path
-        File of its result. One that is there already is taken if it is of the same study and program.
+        File of its result. One that exists already is reused if it is of the same study and program.
     processes
         Number of processes for the sweep.
     report
@@ -96,7 +96,7 @@ def _check(compression: Case, swelling: Case, block: Case, sweep: Study) -> None
 
 
 def _finished_sweep(sweep: Study, path: Path) -> xr.Dataset | None:
-    """The result of the sweep if it is there already."""
+    """The result of the sweep if it exists already."""
     if not path.exists():
         return None
     dataset = read_study(path)
