@@ -18,7 +18,7 @@ SOURCE = Path(fvswell.__file__).parent
 LAYERS = (
     ("version", "errors", "compiled", "common_units"),
     ("physics",),
-    ("exact", "numerics"),
+    ("boundary", "exact", "numerics"),
     ("column", "block"),
     ("units",),
     ("case",),

@@ -29,7 +29,6 @@ from fvswell.block.mechanics import (
     find_stiffness,
     mechanics_room,
 )
-from fvswell.block.sides import EDGE_AXIS, EDGES, OUTWARD
 from fvswell.block.transport import (
     Transport,
     TransportTables,
@@ -37,6 +36,7 @@ from fvswell.block.transport import (
     find_transport_slopes,
     transport_room,
 )
+from fvswell.boundary.sides import EDGE_AXIS, EDGES, OUTWARD
 from fvswell.numerics.sparse_lu import DirectSolver
 from fvswell.physics.models import Model
 from fvswell.physics.osmotic import bath_log_activity, bath_osmotic_pressure

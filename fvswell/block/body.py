@@ -11,7 +11,7 @@ from fvswell.block.block import Block, Interval
 from fvswell.block.edges import drive_names, edge_loads
 from fvswell.block.geometry import quadrilateral_volume
 from fvswell.block.newton import Newton, NewtonResult
-from fvswell.block.sides import EDGES
+from fvswell.boundary.sides import EDGES
 from fvswell.numerics.body import admissible, complete_loads, find_rate, find_unknowns, global_strain, solve_stage
 from fvswell.numerics.state import (
     BALANCE,

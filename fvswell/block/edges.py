@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from fvswell.block.grid import BlockGrid
-from fvswell.block.sides import EDGE_AXIS, EDGES
+from fvswell.boundary.sides import EDGE_AXIS, EDGES
 from fvswell.physics.tissue import Array
 
 __all__ = [

@@ -14,9 +14,9 @@ from fvswell.block.edges import DegreesOfFreedom, EdgeCondition, check_edges, de
 from fvswell.block.grid import BlockGrid
 from fvswell.block.laws import cell_law, face_law, solid_law
 from fvswell.block.mechanics import block_solid
-from fvswell.block.sides import EDGES
 from fvswell.block.stabilisation import STRENGTH, alternating_storage
 from fvswell.block.transport import transport_tables
+from fvswell.boundary.sides import EDGES
 from fvswell.numerics.sparse_lu import DirectSolver
 from fvswell.physics.models import Model
 from fvswell.physics.solids import shear_modulus

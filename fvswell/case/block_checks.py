@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fvswell.block.sides import EDGE_AXIS, EDGES, OUTWARD
+from fvswell.boundary.sides import EDGE_AXIS, EDGES, OUTWARD
 from fvswell.case.errors import Finding
 from fvswell.case.geometry import BlockGeometry
 from fvswell.case.schema import CaseTable

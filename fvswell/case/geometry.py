@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Discriminator, Field, Tag
 
-from fvswell.block.sides import EDGES
+from fvswell.boundary.sides import EDGES
 from fvswell.case.phases import BlockPhase, ColumnPhase, Phase
 from fvswell.case.profiles import Coordinates, DepthProfile, PlaneProfile, Profile
 from fvswell.case.tables import Table, variant

@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from fvswell.block.sides import EDGES
+from fvswell.boundary.sides import EDGES
 from fvswell.case.tables import Table
 from fvswell.case.values import Duration, Load, Name, Quantity, Ramp, RelaxationTimes
 

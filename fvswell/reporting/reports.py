@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fvswell.block.sides import EDGES
+from fvswell.boundary.sides import EDGES
 from fvswell.case.case import Case
 from fvswell.case.geometry import BlockGeometry, Geometry
 from fvswell.case.phases import EdgeLoad

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fvswell.block.sides import EDGES
+from fvswell.boundary.sides import EDGES
 
 __all__ = ["FIELDS", "Field"]
 

@@ -16,7 +16,7 @@ from fvswell.block.grid import BlockGrid, block_grid
 from fvswell.block.make_block import make_block
 from fvswell.block.march import march_block
 from fvswell.block.mechanics import integration_points
-from fvswell.block.sides import EDGE_AXIS, EDGES
+from fvswell.boundary.sides import EDGE_AXIS, EDGES
 from fvswell.case.case import Case
 from fvswell.case.output_times import output_times
 from fvswell.case.values import Ramp, final_value
