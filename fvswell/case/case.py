@@ -66,13 +66,13 @@ class Case(CaseTable):
         return self._source
 
     def tissue_at(self, points: Array) -> Tissue:
-        """Tissue at points.
+        """Tissue at points, with the numbers of its reference state, which `fvswell.case.reference_state` converts.
 
         Parameters
         ----------
         points
-            Of the stress-free solid, mm: of a column distances from the filter, shape (points,); of a block positions
-            along x and y, shape (2, points).
+            Of the sample in its reference state, mm: of a column distances from the filter, shape (points,); of a block
+            positions along x and y, shape (2, points).
 
         Returns
         -------
@@ -137,7 +137,10 @@ class Case(CaseTable):
 
     @cached_property
     def _content(self) -> dict[str, Any]:
-        return self.model_dump(exclude_none=True)
+        content = self.model_dump(exclude_none=True)
+        if not self.tissue.fibres:
+            del content["tissue"]["fibres"]
+        return content
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Case) and self._content == other._content

@@ -9,6 +9,7 @@ import numpy as np
 
 from fvswell.case.errors import Finding
 from fvswell.case.phases import ColumnPhase
+from fvswell.case.reference_state import stress_free
 from fvswell.case.schema import CaseTable
 from fvswell.case.values import final_value
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
@@ -53,7 +54,7 @@ def lost_water(case: CaseTable, tissue: Tissue, depth: Array) -> Iterator[Findin
     depth
         Increasing, mm from the filter, ``(points,)``.
     """
-    tissue = MODELS[case.model].tissue(tissue)
+    tissue, swollen = stress_free(case, tissue, MODELS[case.model])
     start = (0.0, case.bath.concentration)
     loads: dict[int, _State] = {}  # at the end of each phase under pressure
     bath = case.bath.concentration
@@ -70,7 +71,7 @@ def lost_water(case: CaseTable, tissue: Tissue, depth: Array) -> Iterator[Findin
         for (index, state), gone in zip(loads.items(), lost[1:], strict=True):
             if gone:
                 yield Finding(("phase", index, "piston_pressure"), _largest_load(tissue, *state))
-    yield from _too_low_pistons(case, tissue, depth)
+    yield from _too_low_pistons(case, tissue, depth, swollen)
 
 
 def _phases(case: CaseTable) -> Iterator[tuple[int, ColumnPhase]]:
@@ -122,15 +123,18 @@ def _rounded_down(value: float) -> float:
     return math.trunc(value * scale) / scale
 
 
-def _too_low_pistons(case: CaseTable, tissue: Tissue, depth: Array) -> Iterator[Finding]:
-    """Displacements that would leave no room for water beside the solid."""
+def _too_low_pistons(case: CaseTable, tissue: Tissue, depth: Array, swollen: Array | float) -> Iterator[Finding]:
+    """Displacements that would leave no room for water beside the solid.
+
+    ``swollen`` is the volume ratio of the state that the height and the depths are of.
+    """
     given = {index: phase.piston_displacement for index, phase in _phases(case)}
     displacements = {index: final_value(load) for index, load in given.items() if load is not None}
     if not displacements:
         return
     height = case.geometry.height
-    solid = height * _mean(1.0 - np.atleast_1d(tissue.fluid_fraction), depth)
-    free = height * _mean(_volume_ratios(tissue, [(0.0, case.bath.concentration)])[0], depth)
+    solid = height * _mean((1.0 - np.atleast_1d(tissue.fluid_fraction)) / swollen, depth)
+    free = height * _mean(_volume_ratios(tissue, [(0.0, case.bath.concentration)])[0] / swollen, depth)
     for index, displacement in displacements.items():
         left = free + displacement
         if left <= solid:

@@ -23,8 +23,8 @@ class PowerFibres(NamedTuple):
     """
 
     modulus: Any  # xi, MPa; with beta = 2 and alpha = 0 the fibre's stiffness at small strain is 4 xi
-    exponent: Any  # alpha
-    power: Any  # beta, at least 2
+    exponent: Any = 0.0  # alpha
+    power: Any = 2.0  # beta, at least 2
 
 
 class LogarithmicFibres(NamedTuple):
@@ -52,12 +52,13 @@ def fibre_tension(law: Any, strain: Any) -> Any:
 
 @fibre_tension.register(PowerFibres)
 def _power_tension(law: Any, strain: Any) -> Any:
-    scale, stiffening = 2.0 * law.modulus, 0.0 * strain
+    raised, stiffening = 1.0 + 0.0 * strain, 0.0 * strain
     # powers and exponentials take long, and the commonest law needs neither
     if anywhere(law.power != 2.0):
-        scale = scale * strain ** (law.power - 2.0)
+        raised = strain ** (law.power - 2.0)
+    scale = 2.0 * law.modulus * raised
     if anywhere(law.exponent != 0.0):
-        stiffening = law.exponent * strain**law.power
+        stiffening = law.exponent * raised * (strain * strain)
         scale = scale * np.exp(stiffening)
     return scale * strain, scale * (law.power - 1.0 + law.power * stiffening)
 
