@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any, TypeVar
 
 from fvswell.case.errors import CaseError, Problem, nearest_name, shown
-from fvswell.case.tables import Table, inner_tables
+from fvswell.case.tables import Table, inner_tables, is_array
 
 __all__ = ["changed_content", "with_numbers"]
 
@@ -97,7 +97,7 @@ def _changed(
         new[key] = value
         return new if table is None else _without(new, set(table.displaced(key, new)) - {key}, prefix, changes)
     prefix = f"{prefix}{key}."
-    old = content.get(key, {})
+    old: Any = content.get(key, () if table is not None and is_array(table, key) else {})
     before = table.inner_table(content, key, old) if table is not None else None
     if isinstance(old, list | tuple) and inner:
         new[key] = _changed_array(before, old, prefix, rest, value, changes)

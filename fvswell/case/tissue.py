@@ -63,9 +63,10 @@ class Fibres(LawTable):
         "xi/beta (lambda^2 - 1)^beta with alpha = 0; or that of Wilson et al. (2004), with the nominal stress E1 "
         "(exp(k1 ln lambda) - 1).",
     )
-    modulus: Annotated[_Varying, Quantity("pressure", at_least=0.0, varying=True)] = Field(
+    modulus: Annotated[_Varying | None, Quantity("pressure", at_least=0.0, varying=True)] = Field(
+        default=None,
         description="xi of the power law, or E1 of the logarithmic one: of all fibres of the family together, "
-        "whatever their directions."
+        "whatever their directions.",
     )
     exponent: Annotated[_Varying | None, Quantity(at_least=0.0, varying=True)] = Field(
         default=None, description="alpha of the power law, 0 without it; or k1 of the logarithmic one, which needs it."
