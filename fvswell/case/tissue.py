@@ -31,8 +31,13 @@ _DIFFUSIVITY = Quantity("diffusivity", above=0.0, varying=True)
 class _Bath(Protocol):
     """What the laws of the tissue take from the bath."""
 
-    osmotic_coefficient: float | None
-    temperature: float
+    @property
+    def osmotic_coefficient(self) -> float | None:
+        """phi_ext, None where the law has its own."""
+
+    @property
+    def temperature(self) -> float:
+        """Absolute, K."""
 
 
 class Fibres(LawTable):

@@ -91,9 +91,14 @@ class BlockRun:
         return ratio
 
     @property
+    def stress_free_height(self) -> float:
+        """Mean height of the stress-free solid, mm."""
+        return float(self.body.mean_height(self.grid.vertices))
+
+    @property
     def initial_stretch(self) -> float:
-        """Mean height in equilibrium over the height of the stress-free solid."""
-        return float(self.body.initial_height / self._extent[1])
+        """Mean height in equilibrium over that of the stress-free solid."""
+        return float(self.body.initial_height / self.stress_free_height)
 
     @property
     def drainage_length(self) -> float:

@@ -80,9 +80,14 @@ class ColumnRun:
         return self.column.cells
 
     @property
+    def stress_free_height(self) -> float:
+        """Height of the stress-free solid, mm."""
+        return float(self.grid.widths.sum())
+
+    @property
     def initial_stretch(self) -> float:
         """Height of the equilibrated column over that of the stress-free solid; nan where there is no equilibrium."""
-        return self.initial_height / float(self.grid.widths.sum())
+        return self.initial_height / self.stress_free_height
 
     @property
     def drainage_length(self) -> float:
