@@ -20,7 +20,7 @@ import numpy as np
 
 from fvswell.compiled import anywhere, generic, point
 from fvswell.compiled.dual import value_of
-from fvswell.physics.fibre_laws import fibre_tension
+from fvswell.physics.fibre_laws import fibre_tension, tension_over_directions
 
 __all__ = [
     "FIBRE_DIRECTIONS",
@@ -114,18 +114,8 @@ def _clustered(points: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
     return tuple((1.0 - u * u).tolist()), tuple((2.0 * u * weights).tolist())
 
 
-def _gauss_of_squares(points: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Squares and weights of an integral of u^2 f(u^2) over u from 0 to 1: exact for polynomials in u^2.
-
-    They are those of the Gauss rule with twice the points over u from -1 to 1, of which one half is enough.
-    """
-    u, weights = np.polynomial.legendre.leggauss(2 * points)
-    return tuple((u[points:] ** 2).tolist()), tuple((weights[points:] * u[points:] ** 2).tolist())
-
-
 _AZIMUTHS, _AZIMUTH_WEIGHTS = _clustered(12)
 _HEIGHTS, _HEIGHT_WEIGHTS = _clustered(8)
-_AXIAL, _AXIAL_WEIGHTS = _gauss_of_squares(9)
 _NONE = 1e-300  # of strain, which takes the place of zero and less
 _QUARTER = 0.5 * np.pi
 
@@ -270,9 +260,7 @@ def _isotropic_axial(directions: Any, law: Any, square: Any) -> Any:
     s, d = 0.0 * strain, 0.0 * strain
     if anywhere(strain > 0.0):
         tensed = np.maximum(strain, _NONE)
-        for k in range(len(_AXIAL)):
-            tension, _ = fibre_tension(law, tensed * _AXIAL[k])
-            s = s + _AXIAL_WEIGHTS[k] * tension
+        s = tension_over_directions(law, tensed)
         tension, _ = fibre_tension(law, tensed)
         d = 0.5 * (tension - 3.0 * s) / tensed
     stretched = 1.0 * (strain > 0.0)
