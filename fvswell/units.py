@@ -58,6 +58,8 @@ DIMENSIONS: dict[str, Dimension] = {
     "volume per charge": Dimension("mm^3/mmol", '"500 mm^3/meq"'),
     "temperature": Dimension("K", '"298 K"'),
     "electric potential": Dimension("mV", '"30 mV"'),
+    "pressure rate": Dimension("MPa/s", '"1e-3 MPa/min"'),
+    "strain rate": Dimension("1/s", '"1e-4 /min"'),
     PLAIN_NUMBER: Dimension("", "0.5"),
 }
 

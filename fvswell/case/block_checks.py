@@ -11,7 +11,8 @@ from fvswell.boundary.sides import EDGE_AXIS, EDGES, OUTWARD
 from fvswell.case.errors import Finding
 from fvswell.case.geometry import BlockGeometry
 from fvswell.case.schema import CaseTable
-from fvswell.case.values import Ramp, RelaxationTimes, final_value
+from fvswell.case.loads import Ramp, final_value
+from fvswell.case.values import RelaxationTimes
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.models import MODELS
 from fvswell.physics.tissue import Array, Tissue

@@ -10,7 +10,7 @@ import numpy as np
 from fvswell.case.errors import Finding
 from fvswell.case.phases import ColumnPhase
 from fvswell.case.schema import CaseTable
-from fvswell.case.values import final_value
+from fvswell.case.loads import final_value
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.models import MODELS
 from fvswell.physics.osmotic import osmotic_pressure_difference

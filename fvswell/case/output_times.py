@@ -8,7 +8,7 @@ import numpy as np
 
 from fvswell.case.phases import Phase
 from fvswell.case.schema import CaseTable
-from fvswell.case.values import Ramp
+from fvswell.case.loads import Ramp
 from fvswell.physics.tissue import Array
 
 __all__ = ["output_times"]

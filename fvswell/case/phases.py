@@ -7,8 +7,9 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field, ValidationInfo, field_validator
 
 from fvswell.boundary.sides import EDGES
+from fvswell.case.loads import AnyLoad, Load, Ramp
 from fvswell.case.tables import Table
-from fvswell.case.values import Duration, Load, Name, Quantity, Ramp, RelaxationTimes
+from fvswell.case.values import Duration, Name, Quantity, RelaxationTimes
 
 __all__ = ["BlockPhase", "ColumnPhase", "EdgeLoad", "Phase"]
 
@@ -21,11 +22,11 @@ class Phase(Table):
         description="How long the phase lasts. A relaxation time is that of the biphasic-swelling model of a column "
         "in this phase, see relaxation_fraction."
     )
-    bath_concentration: Annotated[float | Ramp | None, Load(Quantity("concentration", above=0.0))] = Field(
+    bath_concentration: Annotated[AnyLoad | None, Load(Quantity("concentration", above=0.0))] = Field(
         default=None, description="Concentration of the bath; without it, as the previous phase left it."
     )
 
-    def loads(self) -> dict[str, float | Ramp]:
+    def loads(self) -> dict[str, AnyLoad]:
         """Loads that the phase gives, by name: "bath", and "PART.QUANTITY" for what acts on a part of the boundary."""
         return {} if self.bath_concentration is None else {"bath": self.bath_concentration}
 
@@ -44,17 +45,17 @@ class ColumnPhase(Phase):
     alternatives = ("piston_pressure", "piston_displacement")
     variant_label = "of a column"
 
-    piston_pressure: Annotated[float | Ramp | None, Load(Quantity("pressure"))] = Field(
+    piston_pressure: Annotated[AnyLoad | None, Load(Quantity("pressure"))] = Field(
         default=None, description="Pressure of the piston, positive in compression. Either this or the next."
     )
-    piston_displacement: Annotated[float | Ramp | None, Load(Quantity("length"))] = Field(
+    piston_displacement: Annotated[AnyLoad | None, Load(Quantity("length"))] = Field(
         default=None,
         description="Displacement of the piston from the equilibrated sample, negative in compression. A "
         "jump would need infinite pressure, so a plain value can only hold the piston where the previous "
         "phase left it (at 0 in the first).",
     )
 
-    def loads(self) -> dict[str, float | Ramp]:
+    def loads(self) -> dict[str, AnyLoad]:
         """As for every phase: "piston.pressure" or "piston.displacement"."""
         given = {"piston.pressure": self.piston_pressure, "piston.displacement": self.piston_displacement}
         return super().loads() | {name: load for name, load in given.items() if load is not None}
@@ -65,14 +66,14 @@ class EdgeLoad(Table):
 
     alternatives: ClassVar[tuple[str, ...]] = ("pressure", "force", "displacement")
 
-    pressure: Annotated[float | Ramp | None, Load(Quantity("pressure"))] = Field(
+    pressure: Annotated[AnyLoad | None, Load(Quantity("pressure"))] = Field(
         default=None, description="Pressure normal to the edge as it moves, positive in compression."
     )
-    force: Annotated[float | Ramp | None, Load(Quantity("force"))] = Field(
+    force: Annotated[AnyLoad | None, Load(Quantity("force"))] = Field(
         default=None,
         description="Total force on a tied edge, positive in compression: of a disc, or of a block 1 mm thick.",
     )
-    displacement: Annotated[float | Ramp | None, Load(Quantity("length"))] = Field(
+    displacement: Annotated[AnyLoad | None, Load(Quantity("length"))] = Field(
         default=None,
         description="Displacement of a tied edge from the equilibrated sample, positive along x or y. A jump would "
         "need infinite pressure, so a plain value can only hold what the previous phase left.",
@@ -92,7 +93,7 @@ class BlockPhase(Phase):
     bottom: EdgeLoad | None = None
     top: EdgeLoad | None = None
 
-    def loads(self) -> dict[str, float | Ramp]:
+    def loads(self) -> dict[str, AnyLoad]:
         """As for every phase: "EDGE.pressure", "EDGE.force" or "EDGE.displacement" of the edges that are named."""
         loads = super().loads()
         for edge in EDGES:

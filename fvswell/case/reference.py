@@ -9,10 +9,11 @@ from inspect import getdoc
 
 from pydantic.fields import FieldInfo
 
+from fvswell.case.loads import Load
 from fvswell.case.reading import allowed_values, tables_below, value_type
 from fvswell.case.schema import CaseTable
 from fvswell.case.tables import Table, inner_tables
-from fvswell.case.values import Load, Quantity
+from fvswell.case.values import Quantity
 from fvswell.units import DIMENSIONS
 
 __all__ = ["case_reference"]

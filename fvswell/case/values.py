@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from pydantic_core import core_schema
 
 from fvswell.case.errors import nearest_name
-from fvswell.case.lists import read_increasing, read_table
+from fvswell.case.lists import read_increasing
 from fvswell.case.profiles import DepthProfile, PlaneProfile, Profile, read_profile
 from fvswell.units import DIMENSIONS, NUMBER, PLAIN_NUMBER, parse
 
@@ -22,31 +22,22 @@ __all__ = [
     "Counts",
     "Duration",
     "Flag",
-    "Load",
     "Name",
     "Names",
     "Point",
+    "RATES",
     "Quantity",
-    "Ramp",
+    "Rate",
+    "RateReader",
     "RelaxationTimes",
     "Text",
     "Times",
     "ValueType",
-    "final_value",
 ]
 
+RATES = ("pressure rate", "strain rate")  # dimensions
+_PER_TIME = re.compile(rf"\s*({NUMBER})\s*(%?)\s*/\s*(.*)")
 _RELAXATION_TIMES = re.compile(rf"\s*({NUMBER})\s+relaxation\s+times?\s*")
-
-
-class Ramp(NamedTuple):
-    """A linear change from the present value to ``ramp_to`` within ``over`` seconds of the phase's start."""
-
-    ramp_to: float
-    over: float
-
-    def longer_than(self, duration: float) -> str:
-        """What is wrong with a ramp that is longer than its phase."""
-        return f"over: {self.over:g} s is longer than the phase, {duration:g} s"
 
 
 class RelaxationTimes(NamedTuple):
@@ -58,9 +49,11 @@ class RelaxationTimes(NamedTuple):
         return f"{self.multiple!r} relaxation times"
 
 
-def final_value(load: float | Ramp) -> float:
-    """The value that a step or a ramp ends with."""
-    return load.ramp_to if isinstance(load, Ramp) else load
+class Rate(NamedTuple):
+    """How fast a pressure or a strain changes."""
+
+    value: float  # in the internal unit, 1/s or MPa/s
+    dimension: str  # one of RATES
 
 
 class ValueType(ABC):
@@ -284,32 +277,6 @@ class Quantity(ValueType):
 
 
 @dataclass(frozen=True)
-class Load(ValueType):
-    """A quantity that steps to a value when a phase starts, or goes there along a ramp."""
-
-    quantity: Quantity
-
-    @property
-    def unit(self) -> str:
-        """Internal unit of the dimension."""
-        return self.quantity.unit
-
-    @property
-    def allowed(self) -> str:
-        """The bounds."""
-        return self.quantity.allowed
-
-    def _read(self, value: Any) -> float | Ramp:
-        if not isinstance(value, Mapping):
-            return self.quantity.number(value)
-        readers = {"ramp_to": self.quantity.number, "over": Quantity("time", above=0.0).number}
-        return Ramp(**read_table(value, readers))
-
-    def _plain(self, value: float | Ramp) -> Any:
-        return value._asdict() if isinstance(value, Ramp) else value
-
-
-@dataclass(frozen=True)
 class Duration(ValueType):
     """A time, or a multiple of the relaxation time."""
 
@@ -325,6 +292,31 @@ class Duration(ValueType):
 
     def _plain(self, value: float | RelaxationTimes) -> Any:
         return str(value) if isinstance(value, RelaxationTimes) else value
+
+
+@dataclass(frozen=True)
+class RateReader(ValueType):
+    """A rate at which a pressure or a strain changes."""
+
+    allowed = 'a rate above 0, such as "1e-3 MPa/min" of a pressure, or "1e-4 /min" or "0.01 %/min" of a strain'
+
+    def _read(self, value: Any) -> Rate:
+        if not isinstance(value, str):
+            raise ValueError(f"must be {self.allowed}")
+        match = _PER_TIME.fullmatch(value)
+        text = value if match is None else f"{match[1]} 1/{match[3]}"
+        for dimension in RATES:
+            try:
+                number = parse(text, dimension)
+            except ValueError:
+                continue
+            if not number > 0.0:
+                raise ValueError(f"must be {self.allowed}")
+            return Rate(number / 100.0 if match is not None and match[2] else number, dimension)
+        raise ValueError(f"must be {self.allowed}")
+
+    def _plain(self, value: Rate) -> str:
+        return f"{value.value!r} {DIMENSIONS[value.dimension].unit}"
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ from fvswell.case.case import Case, CaseError
 from fvswell.case.errors import Problem, shown
 from fvswell.case.geometry import ColumnGeometry
 from fvswell.case.profiles import DepthProfile, PlaneProfile
-from fvswell.case.values import Ramp, RelaxationTimes, final_value
+from fvswell.case.loads import Ramp, final_value
+from fvswell.case.values import RelaxationTimes
 from fvswell.column.grid import ColumnGrid, column_grid
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.osmotic import bath_log_activity, ion_concentrations

@@ -14,7 +14,8 @@ from fvswell.case.geometry import BlockGeometry, Geometry
 from fvswell.case.phases import EdgeLoad
 from fvswell.case.profiles import DepthProfile, PlaneProfile
 from fvswell.case.reading import value_type
-from fvswell.case.values import Ramp, RelaxationTimes
+from fvswell.case.loads import Ramp
+from fvswell.case.values import RelaxationTimes
 from fvswell.reporting.console import TextTable, percent
 from fvswell.results.fields import FIELDS
 from fvswell.results.layout import COMPLETE, SAME_TIME

@@ -19,7 +19,7 @@ from fvswell.block.mechanics import integration_points
 from fvswell.boundary.sides import EDGE_AXIS, EDGES
 from fvswell.case.case import Case
 from fvswell.case.output_times import output_times
-from fvswell.case.values import Ramp, final_value
+from fvswell.case.loads import Ramp, final_value
 from fvswell.errors import SolverError
 from fvswell.numerics.loads import Load, Protocol, make_protocol
 from fvswell.numerics.state import Control, Record, State

@@ -10,7 +10,7 @@ import numpy as np
 
 from fvswell.case.case import Case
 from fvswell.case.output_times import output_times
-from fvswell.case.values import Ramp, final_value
+from fvswell.case.loads import Ramp, final_value
 from fvswell.column.balances import COLUMN_LOADS
 from fvswell.column.column import Column, compiled_march
 from fvswell.column.fields import column_fields

@@ -13,7 +13,8 @@ import numpy as np
 
 from fvswell.case.case import Case
 from fvswell.case.errors import CaseError, Problem, shown
-from fvswell.case.values import Ramp, RelaxationTimes
+from fvswell.case.loads import Ramp
+from fvswell.case.values import RelaxationTimes
 from fvswell.errors import SolverError
 from fvswell.numerics.state import RUNNING, STATUS, record_room, workspace
 from fvswell.physics.models import BIPHASIC_SWELLING

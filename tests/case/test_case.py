@@ -16,7 +16,8 @@ from fvswell.case.reading import Heading, tables_below, value_type
 from fvswell.case.reference import case_reference
 from fvswell.case.schema import CaseTable
 from fvswell.case.tables import inner_tables
-from fvswell.case.values import Ramp, RelaxationTimes, final_value
+from fvswell.case.loads import Ramp, final_value
+from fvswell.case.values import RelaxationTimes
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.models import MODELS as MODEL
 from fvswell.physics.permeability import PERMEABILITIES
