@@ -149,8 +149,8 @@ def _unit(text: str) -> Unit | None:
 
 
 def _with_explicit_operators(text: str) -> str:
-    """Rewrite the way papers print units, as in mm4/Ns."""
-    return re.sub(r"\bNs\b", "(N s)", re.sub(r"(?<=[A-Za-z])(?=\d)", "^", text))
+    """Rewrite the way people print units, as in mm4/Ns and /min."""
+    return re.sub(r"\bNs\b", "(N s)", re.sub(r"(?<=[A-Za-z])(?=\d)", "^", re.sub(r"^/", "1/", text)))
 
 
 def uncommon_unit(text: str) -> Unit | None:

@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 RATES = ("pressure rate", "strain rate")  # dimensions
-_PER_TIME = re.compile(rf"\s*({NUMBER})\s*(%?)\s*/\s*(.*)")
+_PERCENT_PER_TIME = re.compile(rf"\s*({NUMBER})\s*%\s*(/.*)")
 _RELAXATION_TIMES = re.compile(rf"\s*({NUMBER})\s+relaxation\s+times?\s*")
 
 
@@ -303,16 +303,15 @@ class RateReader(ValueType):
     def _read(self, value: Any) -> Rate:
         if not isinstance(value, str):
             raise ValueError(f"must be {self.allowed}")
-        match = _PER_TIME.fullmatch(value)
-        text = value if match is None else f"{match[1]} 1/{match[3]}"
-        for dimension in RATES:
+        percent = _PERCENT_PER_TIME.fullmatch(value)
+        text = value if percent is None else f"{percent[1]} {percent[2]}"
+        for dimension in RATES if percent is None else ("strain rate",):
             try:
                 number = parse(text, dimension)
             except ValueError:
                 continue
-            if not number > 0.0:
-                raise ValueError(f"must be {self.allowed}")
-            return Rate(number / 100.0 if match is not None and match[2] else number, dimension)
+            if number > 0.0:
+                return Rate(number if percent is None else number / 100.0, dimension)
         raise ValueError(f"must be {self.allowed}")
 
     def _plain(self, value: Rate) -> str:
