@@ -17,7 +17,8 @@ from pydantic import PrivateAttr
 from fvswell.case.changes import changed_content, with_numbers
 from fvswell.case.checks import check_case
 from fvswell.case.errors import CaseError, Problem, shown
-from fvswell.case.load_files import files_beside
+from fvswell.case.load_files import LoadFile, files_beside
+from fvswell.case.loads import TableLoad, shape_of
 from fvswell.case.reading import problems_of
 from fvswell.case.repeats import read_repeated
 from fvswell.case.schema import MODELS, CaseTable
@@ -76,6 +77,27 @@ class Case(CaseTable):
         """Where the files of its loads lie."""
         return self._folder
 
+    @property
+    def load_files(self) -> dict[str, LoadFile]:
+        """Files that loads have been read from, by the key of the load."""
+        loads = {
+            f"phase[{phase.name}].{'.'.join(place)}": shape_of(load)
+            for phase in self.phase
+            for place, load in phase.all_loads()
+        }
+        return {key: load.source for key, load in loads.items() if isinstance(load, TableLoad) and load.source}
+
+    def changed_load_files(self) -> list[str]:
+        """What is to be said of load files that are other ones now than when the case was read first.
+
+        The case keeps what was in them then. A file that is not there any more is not missed.
+        """
+        return [
+            f"{self.source}: {key}: {file.file} has changed; what it held when this case was first read is used"
+            for key, file in self.load_files.items()
+            if file.has_changed(self.folder)
+        ]
+
     def tissue_at(self, points: Array) -> Tissue:
         """Tissue at points.
 
@@ -100,7 +122,7 @@ class Case(CaseTable):
         changes
             New values by dotted key, set in this order, such as
             ``{"tissue.hindrance_factor": 0.0, "model": "biphasic"}``. A phase goes by its name or its number
-            from 0: ``"phase.loading.piston_pressure"``, ``"phase.0.duration"``. None takes a key away. A key
+            from 0: ``"phase.loading.piston.pressure"``, ``"phase.0.duration"``. None takes a key away. A key
             that excludes another one takes its place. Output that is written as ``time.scheme`` has it by default
             still is if that is changed.
 

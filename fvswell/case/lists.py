@@ -16,7 +16,7 @@ __all__ = ["read_increasing", "read_list", "read_table"]
 def read_table(
     table: Mapping[str, Any], readers: Mapping[str, Callable[[Any], Any]], optional: Collection[str] = ()
 ) -> dict[str, Any]:
-    """Read the items of an inline table and report all that is wrong at once; all that are not optional are required."""
+    """Read the items of an inline table, all required but the optional ones, and report all that is wrong at once."""
     problems = [f"{key}: missing" for key in readers if key not in table and key not in optional]
     items = {}
     for key, value in table.items():

@@ -18,7 +18,24 @@ from fvswell.case.load_files import LoadFile, read_load_file
 from fvswell.case.values import Quantity, ValueType
 from fvswell.units import NUMBER
 
-__all__ = ["AnyLoad", "Load", "Ramp", "Sine", "StrainLoad", "TableLoad", "extremes", "final_value", "jumps", "settled", "value_at"]
+__all__ = [
+    "AnyLoad",
+    "Load",
+    "Ramp",
+    "Shape",
+    "Sine",
+    "StrainLoad",
+    "TableLoad",
+    "divided",
+    "extremes",
+    "final_value",
+    "in_length",
+    "jumps",
+    "kept",
+    "settled",
+    "shape_of",
+    "value_at",
+]
 
 _Reader = Callable[[Any], float]
 
@@ -137,8 +154,8 @@ class Sine(NamedTuple):
         return self.mean + self.amplitude * math.sin(2.0 * math.pi * periods)
 
     def final(self, duration: float) -> float:
-        """Value at the end of a phase."""
-        return self.at(duration, self.mean)
+        """Value at the end of a phase; of one whose duration is not known, the mean."""
+        return self.at(duration, self.mean) if math.isfinite(duration) else self.mean
 
     def extremes(self, duration: float, before: float) -> tuple[float, float]:
         """Smallest and largest value in a phase."""
@@ -172,9 +189,9 @@ class Sine(NamedTuple):
 class StrainLoad:
     """A displacement given as a strain: in shares of the extent of the equilibrated sample along its direction."""
 
-    strain: float | Ramp | TableLoad | Sine
+    strain: Shape
 
-    def of(self, extent: float) -> float | Ramp | TableLoad | Sine:
+    def of(self, extent: float) -> Shape:
         """The displacement, mm, of a sample of an extent, mm."""
         return extent * self.strain if isinstance(self.strain, float) else self.strain.scaled(extent)
 
@@ -183,32 +200,33 @@ class StrainLoad:
         if isinstance(self.strain, float):
             return _percent(self.strain)
         content = self.strain.plain()
-        lengths = {key: content[key] for key in ("ramp_to", "mean", "amplitude") if key in content}
-        written = {key: _percent(value) for key, value in lengths.items()}
+        for key in content.keys() & {"ramp_to", "mean", "amplitude"}:
+            content[key] = _percent(content[key])
         if "values" in content:
-            written["values"] = [_percent(value) for value in content["values"]]
-        return content | written
+            content["values"] = [_percent(value) for value in content["values"]]
+        return content
 
 
-AnyLoad = float | Ramp | TableLoad | Sine
+Shape = float | Ramp | TableLoad | Sine  # of a load over time
+AnyLoad = Shape | StrainLoad
 
 
-def value_at(load: AnyLoad, time: float, before: float) -> float:
+def value_at(load: Shape, time: float, before: float) -> float:
     """Value of a load at a time since its phase began; ``before`` is the value that the phase begins with."""
     return load if isinstance(load, float) else load.at(time, before)
 
 
-def final_value(load: AnyLoad, duration: float = math.nan) -> float:
+def final_value(load: Shape, duration: float = math.nan) -> float:
     """Value of a load at the end of a phase of a duration, s; only a sine depends on it."""
     return load if isinstance(load, float) else load.final(duration)
 
 
-def extremes(load: AnyLoad, duration: float, before: float) -> tuple[float, float]:
+def extremes(load: Shape, duration: float, before: float) -> tuple[float, float]:
     """Smallest and largest value of a load in a phase that begins with the value ``before``."""
     return (load, load) if isinstance(load, float) else load.extremes(duration, before)
 
 
-def jumps(load: AnyLoad, before: float) -> bool:
+def jumps(load: Shape, before: float) -> bool:
     """Whether a load leaves the value ``before``, that its phase begins with, at once."""
     return _differ(load, before) if isinstance(load, float) else load.jumps(before)
 
@@ -293,7 +311,29 @@ def _differ(one: float, other: float) -> bool:
 
 def settled(load: AnyLoad) -> float:
     """Time from which on a load is constant, s since its phase began; inf for a sine."""
-    return 0.0 if isinstance(load, float) else load.settled
+    shape = shape_of(load)
+    return 0.0 if isinstance(shape, float) else shape.settled
+
+
+def shape_of(load: AnyLoad) -> Shape:
+    """How a load goes over time, whether it is given as such or as a strain."""
+    return load.strain if isinstance(load, StrainLoad) else load
+
+
+def kept(load: AnyLoad, duration: float) -> AnyLoad:
+    """What a load goes on as after a phase of a duration, s, if no other takes its place."""
+    value = final_value(shape_of(load), duration)
+    return StrainLoad(value) if isinstance(load, StrainLoad) else value
+
+
+def in_length(load: AnyLoad, extent: float) -> Shape:
+    """A displacement in mm; ``extent`` of the sample, mm, is what strains are shares of."""
+    return load.of(extent) if isinstance(load, StrainLoad) else load
+
+
+def divided(load: Shape, by: float) -> Shape:
+    """A load in parts of another quantity, such as a force by the area that it acts on."""
+    return load / by if isinstance(load, float) else load.scaled(1.0 / by)
 
 
 @dataclass(frozen=True)
@@ -313,15 +353,15 @@ class Load(ValueType):
         """The bounds."""
         return self.quantity.allowed
 
-    def _read(self, value: Any) -> AnyLoad | StrainLoad:
+    def _read(self, value: Any) -> AnyLoad:
         if not isinstance(value, Mapping):
             strain = _strain(value) if self.strain else None
             return self.quantity.number(value) if strain is None else StrainLoad(strain)
         kind = _kind(value)
         if kind == "a file":
             points = read_load_file(value, self.quantity, self.strain)
-            load = TableLoad(points.times, points.values, points.source)
-            return StrainLoad(load) if points.are_strains else load
+            table = TableLoad(points.times, points.values, points.source)
+            return StrainLoad(table) if points.are_strains else table
         if self.strain and _holds_strains(value):
             return StrainLoad(_READERS[kind](value, _strain_or_nothing, _strain_or_nothing))
         load = _READERS[kind](value, self.quantity.number, self._amplitude)
@@ -341,5 +381,5 @@ class Load(ValueType):
             except ValueError as error:
                 raise ValueError(f"goes to {extreme:g} {self.unit}: {error}") from None
 
-    def _plain(self, value: AnyLoad | StrainLoad) -> Any:
+    def _plain(self, value: AnyLoad) -> Any:
         return value if isinstance(value, float) else value.plain()

@@ -62,7 +62,7 @@ def read_repeated(
         for number in range(1, 2 if wrong else item["repeat"] + 1):
             inner = item.get("phase")
             for place, phase in enumerate(inner if isinstance(inner, list | tuple) else ()):
-                written.append(_named(phase, f"{item.get('name', index)} {number}"))
+                written.append(_named(phase, f"{item['name'] if _has_name(item) else 'group'} {number}"))
                 places.append(_Place(index, place, number))
     try:
         table = read_tables(root, {**content, "phase": written}, source, check)
@@ -75,6 +75,13 @@ def read_repeated(
 
 def _is_group(item: Any) -> bool:
     return isinstance(item, Mapping) and ("repeat" in item or "phase" in item)
+
+
+def _has_name(group: Mapping[str, Any]) -> bool:
+    try:
+        return bool(Name()._read(group.get("name")))
+    except ValueError:
+        return False
 
 
 def _named(phase: Any, prefix: str) -> Any:
@@ -128,8 +135,8 @@ def _once(problems: Iterable[Problem], phases: list[Any], places: list[_Place]) 
     kept = []
     for problem in problems:
         head, bracket, rest = problem.key.partition("]")
-        place = prefixes.get(head + bracket)
-        known = (place and place[:2], rest if place else problem.key, problem.message)
+        origin = prefixes.get(head + bracket)
+        known = (origin and origin[:2], rest if origin else problem.key, problem.message)
         if known not in seen:
             seen.add(known)
             kept.append(problem)

@@ -17,6 +17,7 @@ from fvswell.case.profiles import DepthProfile, PlaneProfile, Profile, read_prof
 from fvswell.units import DIMENSIONS, NUMBER, PLAIN_NUMBER, parse
 
 __all__ = [
+    "RATES",
     "Choice",
     "Count",
     "Counts",
@@ -25,7 +26,6 @@ __all__ = [
     "Name",
     "Names",
     "Point",
-    "RATES",
     "Quantity",
     "Rate",
     "RateReader",

@@ -23,7 +23,7 @@ Settings = Annotated[
         "--set",
         metavar="KEY=VALUE",
         help="Change a value of the case, such as tissue.hindrance_factor=0 or "
-        '"phase.loading.piston_pressure=0.1 MPa". May be given many times.',
+        '"phase.loading.piston.pressure=0.1 MPa". May be given many times.',
     ),
 ]
 Directory = Annotated[
@@ -52,6 +52,8 @@ def read_case(path: Path, settings: list[str] | None, model: str | None = None) 
     if model is not None:
         changes["model"] = model
     case = case_of_result(path) if path.suffix == ".nc" else load_case(path)
+    for remark in case.changed_load_files():
+        typer.echo(remark, err=True)
     return case.with_changes(changes) if changes else case
 
 

@@ -327,10 +327,10 @@ def march(body: Any, volumes: Any, scale: Any, protocol: Any, control: Any, stat
             return
         if counts[ENTER] == 1:
             enter_segment(protocol, control, state, work)
-            if control.error_order > 0 and counts[RATE_KNOWN] == 0 and _start_rate(body, protocol, state, work):
-                if counts[RESTARTED] == 1:
-                    change = _FIRST_CHANGE * control.tolerance * max(clock[LARGEST], control.expected_strain)
-                    clock[SIZE] = min(clock[SIZE], change / mean_rate(state, volumes, scale))
+            known = counts[RATE_KNOWN] == 1 or (control.error_order > 0 and _start_rate(body, protocol, state, work))
+            if known and counts[RESTARTED] == 1:
+                change = _FIRST_CHANGE * control.tolerance * max(clock[LARGEST], control.expected_strain)
+                clock[SIZE] = min(clock[SIZE], change / mean_rate(state, volumes, scale))
             counts[RESTARTED] = 0
             if clock[TIME] == 0.0:
                 clock[START_STRAIN] = global_strain(body, state.unknowns, state.contents)

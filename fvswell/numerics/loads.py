@@ -15,7 +15,18 @@ import numpy as np
 from fvswell.compiled import point
 from fvswell.physics.tissue import Array
 
-__all__ = ["AnyLoad", "Load", "Protocol", "Sine", "TableLoad", "finding", "load_slope", "load_value", "make_protocol"]
+__all__ = [
+    "STRAIN",
+    "AnyLoad",
+    "Load",
+    "Protocol",
+    "Sine",
+    "TableLoad",
+    "finding",
+    "load_slope",
+    "load_value",
+    "make_protocol",
+]
 
 START, TARGET, SINCE, OVER, AMPLITUDE, FREQUENCY = range(6)  # columns of Protocol.table
 STRAIN = -1  # of Protocol.measured
@@ -47,10 +58,6 @@ class Load(NamedTuple):
     def longest_step(self) -> float:
         """Longest step that resolves the load, s."""
         return np.inf
-
-    def shifted(self, by: float) -> Load:
-        """The same load with an amount added."""
-        return self._replace(target=self.target + by)
 
 
 class TableLoad(NamedTuple):
@@ -88,13 +95,14 @@ class TableLoad(NamedTuple):
         return rows
 
     @property
+    def target(self) -> float:
+        """Value that it ends with."""
+        return float(self.values[-1])
+
+    @property
     def longest_step(self) -> float:
         """Longest step that resolves the load, s: none ends beyond a corner."""
         return np.inf
-
-    def shifted(self, by: float) -> TableLoad:
-        """The same load with an amount added."""
-        return self._replace(values=self.values + by)
 
 
 class Sine(NamedTuple):
@@ -103,6 +111,11 @@ class Sine(NamedTuple):
     mean: float
     amplitude: float
     period: float  # s
+
+    @property
+    def target(self) -> float:
+        """Value that it swings about."""
+        return self.mean
 
     def corners(self) -> list[float]:
         """None."""
@@ -117,10 +130,6 @@ class Sine(NamedTuple):
     def longest_step(self) -> float:
         """Longest step that resolves the load, s."""
         return self.period / _STEPS_PER_PERIOD
-
-    def shifted(self, by: float) -> Sine:
-        """The same load with an amount added."""
-        return self._replace(mean=self.mean + by)
 
 
 AnyLoad = Load | TableLoad | Sine
@@ -239,9 +248,10 @@ def finding(protocol: Protocol, until: Sequence[float], measured: Sequence[int])
         Index of the load that is measured in each phase, or ``STRAIN``.
     """
     rates = np.array(until, dtype=float)
+    unknown = np.fmax(rates, protocol.multiple)
     return protocol._replace(
         until=rates, measured=np.array(measured, dtype=np.int64), output_times=np.zeros(0),
-        last_phase=_last_found(rates),
+        last_phase=_last_found(unknown),
     )  # fmt: skip
 
 

@@ -7,11 +7,14 @@ from functools import lru_cache
 
 import numpy as np
 
+from fvswell.case.acting_loads import acting_loads
+from fvswell.case.boundary import ColumnBoundary
 from fvswell.case.case import Case, CaseError
+from fvswell.case.column_checks import piston_pressure
 from fvswell.case.errors import Problem, shown
 from fvswell.case.geometry import ColumnGeometry
+from fvswell.case.loads import Ramp, Shape, Sine, TableLoad, final_value, shape_of
 from fvswell.case.profiles import DepthProfile, PlaneProfile
-from fvswell.case.loads import Ramp, final_value
 from fvswell.case.values import RelaxationTimes
 from fvswell.column.grid import ColumnGrid, column_grid
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
@@ -57,11 +60,23 @@ def unpredictable(case: Case) -> list[Problem]:
     """What of a case the predictor does not cover: it is for columns and for pressures of the piston."""
     if not isinstance(case.geometry, ColumnGeometry):
         return [Problem("geometry.kind", shown(case.geometry.kind), "must be column: only columns can be predicted")]
-    return [
-        Problem(f"phase.{phase.name}.piston_displacement", "", "is prescribed: only pressures can be predicted")
-        for phase in case.phase
-        if "piston.displacement" in phase.loads()
-    ]
+    if case.parts != ColumnBoundary().parts():
+        return [Problem("boundary", "", "has another open end or a current: only a closed piston can be predicted")]
+    problems = []
+    for phase, acting in zip(case.phase, acting_loads(case), strict=True):
+        place = f"phase.{phase.name}"
+        if "piston.displacement" in acting:
+            problems.append(
+                Problem(f"{place}.piston.displacement", "", "is prescribed: only pressures can be predicted")
+            )
+        for name, load in acting.items():
+            if isinstance(load, TableLoad | Sine):
+                problems.append(
+                    Problem(f"{place}.{name}", "", "is a table or a sine: only steps and ramps can be predicted")
+                )
+        if phase.until is not None:
+            problems.append(Problem(f"{place}.until", "", "only phases of given durations can be predicted"))
+    return problems
 
 
 def is_uniform(case: Case) -> bool:
@@ -85,22 +100,22 @@ def conditions_of(cases: Sequence[Case]) -> list[Conditions]:
     """Conditions before the first phase and in each phase, arrays of shape ``(cases,)``."""
     bath = np.array([case.bath.concentration for case in cases])
     conditions = [Conditions(np.zeros_like(bath), bath)]
-    for phases in zip(*(case.phase for case in cases), strict=True):
-        loads = [phase.loads() for phase in phases]
-        pressure, after = (
-            np.array([_target(each.get(name)) for each in loads]) for name in ("piston.pressure", "bath")
-        )
-        ramps = (np.array([_duration(each.get(name)) for each in loads]) for name in ("piston.pressure", "bath"))
-        before = conditions[-1].bath_concentration
-        conditions.append(Conditions(pressure, np.where(np.isnan(after), before, after), *ramps))
+    for acting in zip(*(acting_loads(case) for case in cases), strict=True):
+        pairs = [
+            (piston_pressure(case, each), shape_of(each["filter.bath_concentration"]))
+            for case, each in zip(cases, acting, strict=True)
+        ]
+        targets = (np.array([_target(load) for load in loads]) for loads in zip(*pairs, strict=True))
+        ramps = (np.array([_duration(load) for load in loads]) for loads in zip(*pairs, strict=True))
+        conditions.append(Conditions(*targets, *ramps))
     return conditions
 
 
-def _target(load: float | Ramp | None) -> float:
+def _target(load: Shape | None) -> float:
     return np.nan if load is None else final_value(load)
 
 
-def _duration(load: float | Ramp | None) -> float:
+def _duration(load: Shape | None) -> float:
     return load.over if isinstance(load, Ramp) else 0.0
 
 

@@ -8,18 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fvswell.boundary.sides import EDGES
+from fvswell.boundary.parts import Part
 from fvswell.case.case import Case
 from fvswell.case.geometry import BlockGeometry, Geometry
-from fvswell.case.phases import EdgeLoad
+from fvswell.case.loads import Ramp, Shape, Sine, StrainLoad, TableLoad
+from fvswell.case.phases import PartLoads
 from fvswell.case.profiles import DepthProfile, PlaneProfile
 from fvswell.case.reading import value_type
-from fvswell.case.loads import Ramp
-from fvswell.case.values import RelaxationTimes
+from fvswell.case.values import Rate, RelaxationTimes
 from fvswell.reporting.console import TextTable, percent
 from fvswell.results.fields import FIELDS
 from fvswell.results.layout import COMPLETE, SAME_TIME
 from fvswell.results.moved_grid import AXES, first_fold
+from fvswell.units import DIMENSIONS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -58,8 +59,8 @@ def case_lines(case: Case, models: str | None = None) -> list[str]:
     return [
         case.title,
         f"  model     {models or case.model}",
-        f"  geometry  {_table(case.geometry, without='edges')}",
-        *_edge_lines(case.geometry),
+        f"  geometry  {_table(case.geometry)}",
+        f"  boundary  {'; '.join(map(_part_text, case.parts))}",
         f"  tissue    {case.tissue.solid}, {tissue}",
         f"  bath      {_table(case.bath)}",
         *(f"  phase     {phase.name}: {_table(phase, without='name')}" for phase in case.phase),
@@ -67,17 +68,15 @@ def case_lines(case: Case, models: str | None = None) -> list[str]:
     ]
 
 
-@singledispatch
-def _edge_lines(geometry: Geometry) -> list[str]:
-    """What holds the edges, where there are any."""
-    return []
-
-
-@_edge_lines.register(BlockGeometry)
-def _(geometry: BlockGeometry) -> list[str]:
-    edges = [(name, getattr(geometry.edges, name)) for name in EDGES]
-    given = [f"{name} {edge.displacement}{', open to the bath' if edge.permeable else ''}" for name, edge in edges]
-    return [f"  edges     {'; '.join(given)}"]
+def _part_text(part: Part) -> str:
+    """A part of the boundary and its conditions."""
+    place = "" if part.name == part.edge or not part.edge else f" ({part.edge}, {part.start:g} to {part.end:g} mm)"
+    conditions = [part.mechanical.replace("-", " "), *(["open to the bath"] if part.open else [])]
+    if part.electrical != ("grounded" if part.open else "insulating"):
+        conditions.append(part.electrical)
+    if part.electrode != "bath":
+        conditions.append(f"{part.electrode} electrode")
+    return f"{part.name}{place} {', '.join(conditions)}"
 
 
 def duration_line(case: Case, phase_ends: Sequence[float]) -> str:
@@ -213,11 +212,12 @@ def _dimensions(variable: Any) -> str:
 
 def _table(table: BaseModel, without: str = "") -> str:
     """All keys of a table that are given, on a line."""
-    keys = [key for key in type(table).model_fields if key != without and getattr(table, key) is not None]
+    keys = [key for key in (*type(table).model_fields, *(table.__pydantic_extra__ or {}))
+            if key != without and getattr(table, key) is not None]  # fmt: skip
     parts = []
     for key in keys:
         value = getattr(table, key)
-        if isinstance(value, EdgeLoad):
+        if isinstance(value, PartLoads):
             parts.append(f"{key} {_table(value)}")
         else:
             parts.append(_value(table, key) if key in ("kind", "scheme") else f"{words(key)} {_value(table, key)}")
@@ -239,13 +239,31 @@ def _value(table: BaseModel, key: str) -> str:
     if isinstance(value, PlaneProfile):
         values = [item for row in value.value for item in row]
         return f"{quantity_text(min(values), unit)} to {quantity_text(max(values), unit)} in the block"
-    if isinstance(value, Ramp):
-        return f"to {quantity_text(value.ramp_to, unit)} within {value.over:g} s"
+    if isinstance(value, Rate):
+        return f"it changes by less than {value.value:.3g} {DIMENSIONS[value.dimension].unit}"
+    if isinstance(value, StrainLoad):
+        return _load_text(value.of(100.0), "%")
+    if isinstance(value, Ramp | TableLoad | Sine):
+        return _load_text(value, unit)
     if isinstance(value, float) and not isinstance(value, RelaxationTimes):
         return quantity_text(value, unit)
     if isinstance(value, tuple) and not isinstance(value, RelaxationTimes):
         return " x ".join(quantity_text(item, unit) if isinstance(item, float) else str(item) for item in value) or "-"
     return str(value)
+
+
+def _load_text(load: Shape, unit: str) -> str:
+    """How a load goes, in words."""
+    if isinstance(load, Ramp):
+        return f"to {quantity_text(load.ramp_to, unit)} within {load.over:g} s"
+    if isinstance(load, TableLoad):
+        source = "" if load.source is None else f" of {load.source.file}"
+        ends = f"{quantity_text(min(load.values), unit)} to {quantity_text(max(load.values), unit)}"
+        return f"{len(load.times)} points{source}, {ends}, until {load.times[-1]:g} s"
+    if isinstance(load, Sine):
+        mean, amplitude = quantity_text(load.mean, unit), quantity_text(load.amplitude, unit)
+        return f"{mean} +- {amplitude} with a period of {load.period:g} s"
+    return quantity_text(load, unit)
 
 
 def quantity_text(value: float, unit: str) -> str:

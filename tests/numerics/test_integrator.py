@@ -251,8 +251,8 @@ def test_a_phase_ends_when_its_rate_has_fallen(rate: float, tolerance: float) ->
     assert state.counts[STATUS] == COMPLETE
     left = (1.0 - np.exp(-RATE)) / RATE  # at the end of the ramp
     exact = 1.0 + np.log(RATE * left / rate) / RATE
-    # an error of the rate shifts the time by that over its slope, which is RATE times the rate there
-    assert protocol.duration[0] == pytest.approx(exact, abs=10.0 * tolerance / (RATE * rate))
+    # an error of the rate, some tolerance in a step, shifts the time by that over its slope, RATE times the rate there
+    assert protocol.duration[0] == pytest.approx(exact, abs=30.0 * tolerance / (RATE * rate))
     assert protocol.end[-1] == protocol.duration[0]
     assert record.steps[: record.filled[1], 0].max() < protocol.duration[0]
 

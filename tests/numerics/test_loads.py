@@ -123,14 +123,6 @@ def test_a_sine_load_swings_about_its_mean_and_limits_the_step() -> None:
     assert protocol.longest_step.tolist() == [4.0 / 12.0, np.inf]
 
 
-@pytest.mark.parametrize("load", [Load(1.0, 2.0), TableLoad(np.array([0.0, 2.0]), np.ones(2)), Sine(1.0, 0.3, 4.0)])
-def test_a_shifted_load_is_larger_by_as_much_all_the_time(load: Load | TableLoad | Sine) -> None:
-    times = np.linspace(0.0, 5.0, 11)
-    one, other = (make_protocol([[each]], [5.0]) for each in (load, load.shifted(0.7)))
-    # a ramp starts from what was there, which is shifted as well
-    np.testing.assert_allclose(values_over(other, 0, times, 0.7) - values_over(one, 0, times, 0.0), 0.7, atol=1e-15)
-
-
 def test_how_far_loads_go() -> None:
     protocol = make_protocol([[Load(1.0, 2.0), Sine(1.0, 0.5, 1.0), None], [Load(-2.0), Load(3.0), None]], [9.0, 9.0])
     np.testing.assert_array_equal(protocol.extent, [3.0, 2.5, 0.0])

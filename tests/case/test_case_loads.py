@@ -14,6 +14,7 @@ from fvswell.case.loads import (
     AnyLoad,
     Load,
     Ramp,
+    Shape,
     Sine,
     StrainLoad,
     TableLoad,
@@ -109,7 +110,7 @@ def test_the_amplitude_of_a_load_that_has_to_be_positive_may_be_negative() -> No
 @pytest.mark.parametrize("load", [0.25, Ramp(0.2, 6.0), TableLoad((0.0, 1.0, 3.0), (0.4, -0.3, 0.1)),
                                   TableLoad((2.0, 3.0), (0.4, 0.1)), Sine(0.2, 0.5, 3.1)])  # fmt: skip
 @pytest.mark.parametrize("before", [-0.7, 0.25])
-def test_extremes_ends_and_starts_are_those_of_the_values(load: AnyLoad, before: float) -> None:
+def test_extremes_ends_and_starts_are_those_of_the_values(load: Shape, before: float) -> None:
     duration = 6.0
     values = np.array([value_at(load, time, before) for time in np.linspace(0.0, duration, 60_001)])
     assert extremes(load, duration, before) == pytest.approx((values.min(), values.max()), abs=1e-7)
@@ -117,7 +118,7 @@ def test_extremes_ends_and_starts_are_those_of_the_values(load: AnyLoad, before:
     assert jumps(load, before) == (abs(values[0] - before) > 1e-9)
     rest = settled(load)
     if np.isfinite(rest):
-        assert np.ptp(values[int(round(1e4 * rest)) :]) < 1e-15
+        assert np.ptp(values[round(1e4 * rest) :]) < 1e-15
 
 
 def test_whole_periods_end_at_the_mean() -> None:
