@@ -147,6 +147,7 @@ def _too_low_pistons(
 
 
 def longest(phase: Phase) -> float:
+    """How long a phase may last, s."""
     return phase.duration if isinstance(phase.duration, float) else math.inf
 
 

@@ -37,7 +37,7 @@ _LABELS = {
     "current": "current",
     "potential": "potential (mV)",
 }
-_FACTORS = {"bath_concentration": 1e6, "bath_pressure": 1e3}
+_FACTORS = {"bath_concentration": 1e6, "bath_pressure": 1e3, "current": 1e6}
 
 
 class Curve(NamedTuple):
@@ -120,7 +120,7 @@ def case_figure(case: Case, durations: Sequence[float]) -> Figure:
 
 def _label(case: Case, kind: str) -> str:
     if kind == "current":
-        return "current density\n(A/mm²)" if case.geometry.kind == "column" else "current (A)"
+        return "current density\n(µA/mm²)" if case.geometry.kind == "column" else "current (µA)"
     return _LABELS[kind]
 
 
@@ -138,8 +138,8 @@ def _draw_body(axes: Axes, case: Case) -> None:
     axes.set_xlabel("" if column else ("$r$ (mm)" if case.geometry.kind == "axisymmetric" else "$x$ (mm)"))
     axes.set_ylabel("distance from the filter (mm)" if column else "$y$ (mm)")
     axes.spines[["left", "bottom"]].set_visible(False)
-    if column:
-        axes.set_xticks([])
+    axes.set_yticks(np.unique([0.0, 0.5 * extent[1], extent[1]]))
+    axes.set_xticks([] if column else np.unique([0.0, 0.5 * extent[0], extent[0]]))
     part_legend(axes, parts, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
 
 
