@@ -21,7 +21,8 @@ __all__ = ["equilibrium_volume_ratio", "isotropic_equilibrium_volume_ratio"]
 _CONVERGED_STEP = 1e-9  # of ln(volume of water); Newton is quadratic, so the step taken last leaves 1e-18
 _LEAST_WATER, _MOST_WATER = 1e-12, 1e6  # of the water in the stress-free solid: beyond them there is no root
 _LONGEST_STEP = 1.0
-_MAX_ITERATIONS = 100
+_MAX_ITERATIONS = 200
+_SLOW = 30  # iterations after which every second one halves the bracket: Newton's come down exponentials slowly
 
 
 def equilibrium_volume_ratio(
@@ -80,11 +81,14 @@ def _root(
         high = np.broadcast_to(water + np.log(_MOST_WATER), none.shape).copy()
         u = np.broadcast_to(water, none.shape)
         done = none.copy()
-        for _ in range(_MAX_ITERATIONS):
+        for iteration in range(_MAX_ITERATIONS):
             f = residual(u + 1j * COMPLEX_STEP)
-            low, high = np.where(f.real < 0.0, u, low), np.where(f.real > 0.0, u, high)
+            beyond = np.isnan(f.real)  # a law that overflows, in tension or in compression
+            low = np.where((f.real < 0.0) | (beyond & (u < water)), u, low)
+            high = np.where((f.real > 0.0) | (beyond & (u > water)), u, high)
             step = np.clip(-f.real * COMPLEX_STEP / f.imag, -_LONGEST_STEP, _LONGEST_STEP)
-            target = u + step
+            halve = iteration > _SLOW and iteration % 2
+            target = np.where(np.isfinite(f) & (not halve), u + step, np.nan)
             bracketed = (target >= low) & (target <= high)  # false for nan as well
             u, previous = np.where(done, u, np.where(bracketed, target, 0.5 * (low + high))), u
             done |= np.abs(u - previous) <= _CONVERGED_STEP

@@ -66,13 +66,14 @@ def stress_free_tissue(measured: Tissue, bath_concentration: Array | float) -> t
 
     most = 1.0 / (1.0 - np.asarray(measured.fluid_fraction))  # the solid alone
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        none = ~((mismatch(_LEAST * most) < 0.0) & (mismatch((1.0 - 1e-12) * most) > 0.0))
+        # fibres that overflow (nan) hold any swelling
+        none = ~(mismatch(_LEAST * most) < 0.0) | (mismatch((1.0 - 1e-12) * most) < 0.0)
         low, high = (np.broadcast_to(limit, none.shape).copy() for limit in (_LEAST * most, most))
         J, done = np.broadcast_to(1.0, none.shape), none.copy()
         for _ in range(_MAX_ITERATIONS):
             f = mismatch(J + 1j * COMPLEX_STEP)
-            low, high = np.where(f.real < 0.0, J, low), np.where(f.real > 0.0, J, high)
-            target = J - f.real * COMPLEX_STEP / f.imag
+            low, high = np.where(f.real < 0.0, J, low), np.where(f.real < 0.0, high, J)
+            target = np.where(np.isfinite(f), J - f.real * COMPLEX_STEP / f.imag, np.nan)
             bracketed = (target >= low) & (target <= high)  # false for nan as well
             J, previous = np.where(done, J, np.where(bracketed, target, 0.5 * (low + high))), J
             done |= np.abs(J - previous) <= _CONVERGED_STEP * J
