@@ -91,7 +91,7 @@ def _root(
             target = np.where(np.isfinite(f) & (not halve), u + step, np.nan)
             bracketed = (target >= low) & (target <= high)  # false for nan as well
             u, previous = np.where(done, u, np.where(bracketed, target, 0.5 * (low + high))), u
-            done |= np.abs(u - previous) <= _CONVERGED_STEP
+            done |= (np.abs(u - previous) <= _CONVERGED_STEP) & (not halve)
             if np.all(done):
                 break
     return np.where(none | ~done, np.nan, 1.0 - fluid_fraction + np.exp(u))
