@@ -3,40 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from inspect import Parameter
-from typing import NamedTuple
 
 import numpy as np
 
 from fvswell.case.block_checks import edge_conditions, edge_loads
-from fvswell.case.column_checks import lost_water, piston_jumps
+from fvswell.case.column_checks import lost_water
 from fvswell.case.errors import Finding, Location
 from fvswell.case.law_keys import parameters_of
+from fvswell.case.load_checks import load_findings
 from fvswell.case.profiles import Profile
 from fvswell.case.reference_state import reference_volume_ratio
 from fvswell.case.schema import CaseTable
 from fvswell.physics.models import MODELS
 from fvswell.physics.osmotic import OSMOTIC_LAWS, ChargeDependentCoefficients, coefficients
-from fvswell.physics.tissue import Array, Tissue
+from fvswell.physics.tissue import Tissue
 
 __all__ = ["check_case"]
 
 _ROUNDING = 1e-12
 
 
-class _GeometryChecks(NamedTuple):
-    """What is wrong with a case of one geometry: its conditions, and its loads on the tissue at sampled points."""
-
-    conditions: Callable[[CaseTable], Iterator[Finding]]
-    loads: Callable[[CaseTable, Tissue, Array], Iterator[Finding]]
-
-
-_CHECKS = {
-    "column": _GeometryChecks(piston_jumps, lost_water),
-    "plane-strain": _GeometryChecks(edge_conditions, edge_loads),
-    "axisymmetric": _GeometryChecks(edge_conditions, edge_loads),
-}
+_BLOCKS = ("plane-strain", "axisymmetric")
 
 
 def check_case(case: CaseTable) -> list[Finding]:
@@ -48,8 +37,9 @@ def check_case(case: CaseTable) -> list[Finding]:
 def _findings(case: CaseTable) -> Iterator[Finding]:
     yield from _repeated_names(case)
     yield from _times_beyond_end(case)
-    checks = _CHECKS[case.geometry.kind]
-    yield from checks.conditions(case)
+    if case.geometry.kind in _BLOCKS:
+        yield from edge_conditions(case)
+    yield from load_findings(case)
     varying = case.tissue.profiles
     problems = [*_foreign_profiles(case, varying), *_bath_coefficient(case)]
     if problems:
@@ -58,7 +48,8 @@ def _findings(case: CaseTable) -> Iterator[Finding]:
     points = case.geometry.sample_points(list(varying.values()))
     tissue = case.tissue.at(case.geometry.coordinates(points), case.bath)
     problems = [*_osmotic_problems(case, tissue), *_no_stress_free_state(case, tissue)]
-    yield from problems or checks.loads(case, tissue, points)
+    loads = edge_loads if case.geometry.kind in _BLOCKS else lost_water
+    yield from problems or loads(case, tissue, points)
 
 
 def _foreign_profiles(case: CaseTable, varying: Mapping[Location, Profile]) -> Iterator[Finding]:

@@ -10,7 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fvswell.case.acting_loads import acting_loads, reference_bath
 from fvswell.case.case import Case
+from fvswell.case.column_checks import piston_pressure, pressed_by
 from fvswell.case.errors import Finding, Location, Problem
 from fvswell.case.geometry import BlockGeometry
 from fvswell.case.profiles import DepthProfile, PlaneProfile
@@ -105,15 +107,17 @@ def _unusual_values(case: Case) -> Iterator[Finding]:
                 f"is {worst:.4g} {unit}, and usual are {usual.low:g} to {usual.high:g} {unit}: {usual.source}; is the "
                 "unit as meant?",
             )
+    usual = RANGES["bath.concentration"]
     for phase, each in enumerate(case.phase):
-        load = each.loads().get("bath")
-        usual = RANGES["bath.concentration"]
-        if load is not None and not usual.holds(final_value(load)):
-            yield Finding(
-                ("phase", phase, "bath_concentration"),
-                f"is {final_value(load):.4g} mmol/mm^3, and usual are {usual.low:g} to {usual.high:g} mmol/mm^3: "
-                f"{usual.source}; is the unit as meant?",
-            )
+        baths = {("bath_concentration",): each.bath_concentration}
+        baths |= {(name, "bath_concentration"): loads.bath_concentration for name, loads in each.part_loads()}
+        for place, load in baths.items():
+            if load is not None and not usual.holds(final_value(load)):
+                yield Finding(
+                    ("phase", phase, *place),
+                    f"is {final_value(load):.4g} mmol/mm^3, and usual are {usual.low:g} to {usual.high:g} mmol/mm^3: "
+                    f"{usual.source}; is the unit as meant?",
+                )
 
 
 def _numbers(value: Any) -> tuple[float, ...]:
@@ -143,17 +147,19 @@ def _unusual_consolidation(case: Case, tissue: Tissue) -> Iterator[Finding]:
 
 def _states(case: Case) -> Iterator[_State]:
     """The first equilibrium, and what each phase ends with."""
-    bath = case.bath.concentration
-    yield _State(("bath", "concentration"), 0.0, bath)
-    for index, phase in enumerate(case.phase):
-        loads = phase.loads()
+    yield _State(("bath", "concentration"), 0.0, case.bath.concentration)
+    reference = reference_bath(case.parts)
+    if reference is None:
+        return
+    for index, (phase, acting) in enumerate(zip(case.phase, acting_loads(case), strict=True)):
         location: Location = ("phase", index)
-        if "bath" in loads:
-            bath, location = final_value(loads["bath"]), ("phase", index, "bath_concentration")
-        pressure = final_value(loads["piston.pressure"]) if "piston.pressure" in loads else 0.0
-        if pressure != 0.0:
-            location = ("phase", index, "piston_pressure")
-        yield _State(location, pressure, bath)
+        if phase.bath_concentration is not None:
+            location = ("phase", index, "bath_concentration")
+        pressure = piston_pressure(case, acting)
+        if pressure is not None and final_value(pressure) != 0.0:
+            location = pressed_by(case, index)
+        bath = final_value(acting[f"{reference.name}.bath_concentration"])
+        yield _State(location, 0.0 if pressure is None else final_value(pressure), bath)
 
 
 def _unusual_strains(states: list[_State], ratios: list[Array], swollen: Array) -> Iterator[Finding]:
@@ -175,12 +181,13 @@ def _unusual_strains(states: list[_State], ratios: list[Array], swollen: Array) 
 def _unusual_displacements(case: Case) -> Iterator[Finding]:
     """Displacements that are large beside the sample."""
     usual, extent = RANGES["strain"], _extent(case)
+    edges = {part.name: part.edge for part in case.parts}
     for index, phase in enumerate(case.phase):
         for name, load in phase.loads().items():
             part, _, kind = name.partition(".")
             if kind != "displacement":
                 continue
-            axis = 0 if part in ("left", "right") and len(extent) > 1 else -1
+            axis = 0 if edges.get(part) in ("left", "right") else -1
             strain = final_value(load) / extent[axis]
             if not usual.holds(strain):
                 yield Finding(

@@ -241,8 +241,8 @@ def test_room_below_the_piston_is_that_of_the_sample(case: Case) -> None:
         "phase.loading.duration": 100, "phase.unloading.duration": 100,
     }  # fmt: skip
     for over, fits in ((-0.39, True), (-0.41, False)):
-        ramp = {"phase.loading.piston_displacement": {"ramp_to": over, "over": "50 s"}}
+        ramp = {"phase.loading.piston.displacement": {"ramp_to": over, "over": "50 s"}}
         if fits:
             assert not check_case(case.with_changes(held | ramp))
         else:
-            assert "must be above -0.4 mm" in messages(case, held | ramp)["phase[loading].piston_displacement"]
+            assert "must be above -0.4 mm" in messages(case, held | ramp)["phase[loading].piston.displacement"]

@@ -52,12 +52,12 @@ def test_starter_gives_no_warning() -> None:
         ({"tissue.hydraulic_permeability": "1e-3 m^4/(N s)"}, "geometry.height", "h^2/(k H) = 3.71e-10 s"),
         ({"tissue.youngs_modulus": "500 GPa"}, "tissue.youngs_modulus", "is 5e+05 MPa"),
         ({"tissue.hydraulic_permeability": 1e-8, "geometry.height": 50}, "geometry.height", "= 3.71e+11 s"),
-        ({"phase.loading.piston_pressure": 3}, "phase[loading].piston_pressure", "strain of -70 %"),
+        ({"phase.loading.piston.pressure": 3}, "phase[loading].piston.pressure", "strain of -70 %"),
         ({"phase.loading.bath_concentration": 15}, "phase[loading].bath_concentration", "is 15 mmol/mm^3"),
         (
             {
                 "phase.loading.duration": 100, "phase.unloading.duration": 100,
-                "phase.loading.piston_displacement": {"ramp_to": "-0.32 mm", "over": "90 s"},
+                "phase.loading.piston.displacement": {"ramp_to": "-0.32 mm", "over": "90 s"},
             },
             "phase[loading]",
             "the piston moves by -64 %",
