@@ -66,7 +66,7 @@ class ColumnGeometry(Geometry):
     profile = DepthProfile
     profile_example = "in a column give {depth = [...], value = [...]}"
     histories = ("global_strain",)
-    pressures: ClassVar[dict[str, str]] = {"piston": "applied_pressure"}
+    pressures: ClassVar[dict[str, str]] = {"piston": "piston_pressure"}
 
     kind: Literal["column"] = Field(description="A column under a piston, on a filter open to the bath.")
     height: Annotated[float, Quantity("length", above=0.0)] = Field(

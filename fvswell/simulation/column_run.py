@@ -128,14 +128,16 @@ class ColumnRun:
     def _loads(self) -> list[list[Load | None]]:
         """Each load of a column in each phase; heights as displacements of the piston."""
         held = self.held
-        bath: float = self.case.bath.concentration if held is None else held[COLUMN_LOADS.index("filter_concentration")]
+        bath: float = (
+            self.case.bath.concentration if held is None else held[COLUMN_LOADS.index("filter_bath_concentration")]
+        )
         phases = []
         for phase in self.case.phase:
             given = phase.loads()
             pressure, height = (_load(given.get(f"piston.{kind}")) for kind in ("pressure", "displacement"))
             concentration = _load(given.get("bath")) or Load(bath)
             bath, nothing = concentration.target, Load(0.0)
-            phases.append([pressure, height, concentration, nothing, concentration, nothing, nothing])
+            phases.append([pressure, height, concentration, nothing, concentration, nothing, nothing, None, None, None])
         return phases
 
     def equilibrium_strains(self) -> Array:
@@ -227,6 +229,7 @@ class ColumnRun:
             location_dimensions={"cell": "cell", "node": "node"},
             case=self.case,
             comment="A column of tissue between a filter at x = 0 and a piston; x moves with the solid.",
+            per_area=True,
         )  # fmt: skip
 
 

@@ -250,7 +250,7 @@ def test_pressure_is_compared_where_the_displacement_is_given() -> None:
     hold = -0.02
     case = small_compression(phase__loading__piston_displacement=ramp, phase__unloading__piston_displacement=hold)
     comparison = compare(case)
-    assert comparison.quantity == "applied_pressure"
+    assert comparison.quantity == "piston_pressure"
     biphasic, swelling = comparison.of_phase("loading")
     # the charge stiffens the tissue: without it less pressure is needed for the same strain
     assert biphasic.largest < 0.0

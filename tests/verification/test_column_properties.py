@@ -101,7 +101,7 @@ def check(case: Case, model: str) -> None:
         cation, anion = result["cation_concentration"], result["anion_concentration"]
         assert np.all(anion > 0.0)
         assert np.all(np.abs(cation - anion - result["fixed_charge_density"]) <= 1e-14 * cation)
-    total = result["effective_stress"] - result["fluid_pressure"] + result["applied_pressure"]
+    total = result["effective_stress"] - result["fluid_pressure"] + result["piston_pressure"]
     assert np.abs(total).max() < 1e-12 * (1.0 + np.abs(result["effective_stress"]).max())
 
 
