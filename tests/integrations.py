@@ -51,6 +51,7 @@ def loads(
     pressure: Load | float | None = 0.0, bath: Load | float = BATH, height: Load | float | None = None, **others: Any
 ) -> list[Load | None]:
     """Loads of one phase; a number is a load that is there at once. With a height, the pressure is found."""
+    assert others.keys() <= set(COLUMN_LOADS)
     chosen: dict[str, Any] = dict.fromkeys(COLUMN_LOADS)
     chosen |= {"pressure": pressure if height is None else None, "height": height, "filter_current": 0.0}
     chosen |= {f"{end}_bath_{kind}": value for end in ("filter", "piston")

@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from fvswell.boundary.parts import Part
 from fvswell.numerics.loads import Load
 from fvswell.physics.tissue import Array
@@ -75,7 +77,5 @@ def potentials_of_parts(parts: Parts, difference: Array, loads: tuple[Array, Arr
     """
     given = [part.electrical in _POTENTIAL_IS_GIVEN for part in parts]
     reference = given.index(True) if any(given) else [*(part.open for part in parts), True].index(True) % 2
-    level = 0.0 * difference
-    if parts[reference].electrical == "potential":
-        level = loads[reference]
+    level = loads[reference] if parts[reference].electrical == "potential" else np.zeros_like(difference)
     return (level, level + difference) if reference == 0 else (level - difference, level)

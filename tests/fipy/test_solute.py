@@ -63,7 +63,7 @@ def _permeation_error(cells: int) -> float:
     """Largest error of the steady concentration in a stiff column that water is pressed through."""
     stiff = reference_tissue(youngs_modulus=1e5)
     made = make_column("biphasic", stiff, cells, 1.0, parts=parts_with((True, True)))
-    column = MovingColumn(setup(made, 1e7, equal_steps(2), filter_pressure=0.4))
+    column = MovingColumn(setup(made, 1e7, equal_steps(2), filter_bath_pressure=0.4))
     mesh, drag, diffusivity = column.mesh, 0.6, 4e-4
     c = CellVariable(mesh=mesh, value=1.0, hasOld=True)
     c.constrain(1.0, mesh.facesLeft)
