@@ -177,7 +177,7 @@ class MovingColumn(MovingBody):
         return column_nodes(self.setup.column.grid, self.state.contents[0])[None]
 
     def _set_flow(self, made: _Made) -> None:
-        if self.setup.column.open_ends[1]:
+        if self.setup.column.parts[1].open:
             through = made.entered[0, 0] - np.concatenate([[0.0], np.cumsum(made.gained)])
         else:
             through = np.append(np.cumsum(made.gained[::-1])[::-1], 0.0)
