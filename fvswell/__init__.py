@@ -25,8 +25,8 @@ _HOMES = {
 }  # fmt: skip
 _NAMES_THERE = {"tissues": "TISSUES"}  # where they are not the public ones
 __all__ = [
-    "Case", "CaseError", "OutputError", "SolverError", "__version__", "compare", "load_case", "read_result", "run", "show",
-    "tissues",
+    "Case", "CaseError", "OutputError", "SolverError", "__version__", "compare", "load_case", "read_result", "run",
+    "show", "tissues",
 ]  # fmt: skip
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from fvswell.case.case import Case
 from fvswell.case.equilibrium_states import EquilibriumState, equilibrium_states
-from fvswell.case.errors import Finding, Problem
+from fvswell.case.errors import Finding, Location, Problem
 from fvswell.case.geometry import BlockGeometry
 from fvswell.case.profiles import DepthProfile, PlaneProfile
 from fvswell.case.reading import problems_of, value_type
@@ -100,7 +100,7 @@ def _unusual_values(case: Case) -> Iterator[Finding]:
             )
     usual = RANGES["bath.concentration"]
     for phase, each in enumerate(case.phase):
-        baths = {("bath_concentration",): each.bath_concentration}
+        baths: dict[Location, Any] = {("bath_concentration",): each.bath_concentration}
         baths |= {(name, "bath_concentration"): loads.bath_concentration for name, loads in each.part_loads()}
         for place, load in baths.items():
             if load is not None and not usual.holds(final_value(load)):

@@ -26,6 +26,7 @@ _MARK: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 4.5, "zor
 _SHADES = ("black", "0.45", "0.7", "white")
 _BATH_LABEL = "salt concentration of the bath (M)"
 _J_LABEL = "volume ratio $J$ (stretch along one axis)"
+_LEAST_PRESSURE = 1e-3  # MPa
 _ROOM = 0.45  # of a panel's height, for the legend below the curves
 
 
@@ -87,8 +88,15 @@ def _states(curves: TissueCurves) -> tuple[Array, Array, Array]:
 
 def _draw(axes: Axes, x: Array, family: Mapping[float, Array], label: str, factor: float = 1.0) -> None:
     """A line for each member of a family of curves."""
-    for (value, y), line in zip(family.items(), lines_in_order(family).values(), strict=True):
+    for (value, y), line in zip(family.items(), lines_in_order(map(str, family)).values(), strict=True):
         axes.plot(x, y, color=line.color, linestyle=line.style, label=label.format(factor * value))
+
+
+def _show_at_least(axes: Axes, low: float, high: float) -> None:
+    """Widen a panel in which nothing but rounding would be seen."""
+    own_low, own_high = axes.get_ylim()
+    if own_low > low and own_high < high:
+        axes.set_ylim(low, high)
 
 
 def _stress(axes: Axes, curves: TissueCurves) -> None:
@@ -102,7 +110,7 @@ def _stress(axes: Axes, curves: TissueCurves) -> None:
         where = "" if len(curves.fibre_stress) == 1 else (" along the axis" if axis == "y" else " along $x$")
         axes.plot(J, stress, color="#009E73", linestyle="-" if axis == "y" else ":", label=f"fibres{where}")
     for (bath, pressure), line in zip(
-        curves.swelling_pressure.items(), lines_in_order(curves.swelling_pressure).values(), strict=True
+        curves.swelling_pressure.items(), lines_in_order(map(str, curves.swelling_pressure)).values(), strict=True
     ):
         axes.plot(J, -pressure, color=line.color, linestyle="--", linewidth=0.9, label=f"ions, {1e3 * bath:g} M")
     total = solid - curves.swelling_pressure[first]
@@ -124,6 +132,7 @@ def _swelling(axes: Axes, curves: TissueCurves) -> None:
     axes.axhline(0.0, color="0.75", linewidth=0.6, zorder=0)
     axes.set_xscale("log")
     axes.set(xlabel=_BATH_LABEL, ylabel=r"swelling pressure $\pi - \pi_\mathrm{bath}$ (MPa)")
+    _show_at_least(axes, -_LEAST_PRESSURE, _LEAST_PRESSURE)
     axes.legend()
 
 
@@ -174,4 +183,5 @@ def _partition(axes: Axes, curves: TissueCurves) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set(xlabel=_BATH_LABEL, ylabel="ions in the tissue over the bath")
+    _show_at_least(axes, 0.5, 2.0)
     axes.legend(title=f"$J$ = {first.volume_ratio:.3f}", title_fontsize=7)
