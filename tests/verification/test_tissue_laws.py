@@ -72,17 +72,18 @@ def test_balances_close_with_the_new_laws(model: str) -> None:
 
 
 TIMES = np.array([5.0, 20.0, 100.0, 400.0])
-STEPS = {"load": ("piston_pressure", 0.0, 2e-3), "bath": ("bath_concentration", 1.5e-4, -1e-6)}
+STEPS = {"load": (0.0, 2e-3), "bath": (1.5e-4, -1e-6)}
 REINFORCED = ACTIVITY | {"tissue__fibres": [{"directions": "isotropic", "modulus": 0.3}]}
 
 
 @cache
 def linear_part(step: str, cells: int) -> Array:
     """Strain after a step over its amplitude, freed of its second-order part by two amplitudes."""
-    key, before, amplitude = STEPS[step]
+    before, amplitude = STEPS[step]
     strains = []
     for share in (1.0, 0.5):
-        loads = {"piston_pressure": 0.0} | {key: before + share * amplitude}
+        value = before + share * amplitude
+        loads: dict[str, Any] = {"piston": {"pressure": value}} if step == "load" else {"bath_concentration": value}
         case = single_phase(compression(geometry__cells=cells, **REINFORCED), 400.0, **loads)
         case = case.with_changes({"time": {"scheme": "esdirk43", "tolerance": 5e-6}, "output": {"times": TIMES}})
         strains.append(strain_at(fvswell.run(case, "electrochemical"), TIMES))
@@ -223,11 +224,10 @@ def test_both_states_are_in_the_result_and_conserve_water_and_charge() -> None:
 def test_block_comes_to_the_sample_that_was_measured(bottom: str) -> None:
     """A disc that is free, and one that is glued and whose stress-free shape is not a cylinder."""
     changes = {
-        "tissue.reference_state": "equilibrated", "tissue.osmotic": "activity", "geometry.edges.bottom": bottom,
+        "tissue.reference_state": "equilibrated", "tissue.osmotic": "activity",
         "tissue.fixed_charge_density": {"x": [0.0, 1.5], "value": [2e-4, 2.5e-4]}, "tissue.fibres": [ISOTROPIC],
     }  # fmt: skip
-    changes["geometry.edges.bottom"] = {"displacement": bottom}
-    case = disc(changes, (6, 4))
+    case = disc(changes | {"boundary.bottom.mechanical": bottom}, (6, 4))
     run = BlockRun(case, MODELS["electrochemical"])
     sample = BlockRun(disc({}, (6, 4)), MODELS["biphasic"]).grid
     positions = run.block.positions(run.state.unknowns)
