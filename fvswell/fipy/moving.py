@@ -106,7 +106,16 @@ class MovingBody(ABC):
 
     @cached_property
     def durations(self) -> list[float]:
-        """Durations of the phases, s."""
+        """Durations of the phases, s.
+
+        Raises
+        ------
+        SolverError
+            If a phase ends on a rate: that takes a run to find.
+        """
+        for phase in self.setup.case.phase:
+            if phase.until is not None:
+                raise SolverError(f"{self.setup.case.source}: phase {phase.name} ends on a rate: give its duration")
         return [float(phase.duration) for phase in self.setup.case.phase]
 
     def fields(self) -> dict[str, Array]:
