@@ -16,7 +16,7 @@ import numpy as np
 
 from fvswell.compiled.dual import variables
 from fvswell.physics.constants import FARADAY
-from fvswell.physics.fluxes import mixture_fluxes, potential_gradient_of_current
+from fvswell.physics.fluxes import MixtureFluxes, mixture_fluxes, potential_gradient_of_current
 from fvswell.physics.osmotic import ion_concentrations
 from fvswell.physics.tissue import Array, Tissue, fixed_charge_density, fluid_fraction
 
@@ -26,18 +26,15 @@ WallElectrode = Literal["cation", "anion"]
 
 
 class ElectricalCoefficients(NamedTuple):
-    """What a current does in a uniform state, and potentials where none flows; arrays ``(rows,)``."""
+    """What a current does in a uniform state, and what potential arises where none flows; arrays ``(rows,)``."""
 
     water_per_charge: Array  # tau_q, mm3/C: electro-osmosis
     anion_per_charge: Array  # tau_-, mmol/C
     potential_per_water_potential: Array  # p_mu, mV/MPa: streaming potential
     potential_per_log_activity: Array  # p_a, mV: diffusion potential
-    conductivity: Array  # 1/rho at uniform mu_f and ln a~, C2/(N mm2 s)
-
-    @property
-    def anion_transport_number(self) -> Array:
-        """Share of a current that the anions carry, at uniform mu_f and ln a~."""
-        return -FARADAY * self.anion_per_charge
+    conductivity: Array  # 1/rho at uniform mu_f and ln a~, C2/(N mm2 s); 1 of them is 1e6 S/m
+    still_conductivity: Array  # where no water flows, at uniform ln a~: the ions' own n_f F^2 b/(R T)
+    anion_transport_number: Array  # share of a current that anions carry, the same: c- D-/b
 
     @property
     def potential_per_potential(self) -> Array:
@@ -54,19 +51,30 @@ def electrical_coefficients(tissue: Tissue, J: Array, log_activity: Array) -> El
     """Coefficients in the state J, ln a~; arrays ``(rows,)``."""
     ions = ion_concentrations(tissue.osmotic, fixed_charge_density(tissue, J), log_activity)
 
-    def slope(water: float, activity: float, current: float) -> Array:
+    def slope(water: Array | float, activity: float, current: float) -> Array:
         """Gradient of F psi~/(R T), 1/mm."""
         gradients = (value + np.zeros_like(J) for value in (water, activity, current / FARADAY))
         gradient: Array = potential_gradient_of_current(tissue, J, *ions, *gradients)
         return gradient
 
-    none, thermal = np.zeros_like(J), tissue.thermal_energy / FARADAY
-    by_current = slope(0.0, 0.0, 1.0)
-    flux = mixture_fluxes(tissue, J, *ions, none, none, by_current)
+    def fluxes(water: Array | float, activity: float, current: float) -> MixtureFluxes:
+        gradients = water + np.zeros_like(J), activity + np.zeros_like(J), slope(water, activity, current)
+        flux: MixtureFluxes = mixture_fluxes(tissue, J, *ions, *gradients)
+        return flux
+
+    driven, pressed = fluxes(0.0, 0.0, 1.0), fluxes(1.0, 0.0, 0.0)
+    holding = -driven.water / pressed.water  # the gradient of mu_f that stops the water
+    still = fluxes(holding, 0.0, 1.0)
+    thermal = tissue.thermal_energy / FARADAY
     return ElectricalCoefficients(
-        flux.water, flux.anion, thermal * slope(1.0, 0.0, 0.0), thermal * slope(0.0, 1.0, 0.0),
-        -1.0 / (thermal * by_current),
-    )  # fmt: skip
+        driven.water,
+        driven.anion,
+        thermal * slope(1.0, 0.0, 0.0),
+        thermal * slope(0.0, 1.0, 0.0),
+        -1.0 / (thermal * slope(0.0, 0.0, 1.0)),
+        -1.0 / (thermal * slope(holding, 0.0, 1.0)),
+        -FARADAY * still.anion,
+    )
 
 
 def wall_anion_flux(electrode: WallElectrode) -> float:
