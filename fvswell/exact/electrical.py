@@ -49,17 +49,17 @@ class ElectricalCoefficients(NamedTuple):
 
 def electrical_coefficients(tissue: Tissue, J: Array, log_activity: Array) -> ElectricalCoefficients:
     """Coefficients in the state J, ln a~; arrays ``(rows,)``."""
-    ions = ion_concentrations(tissue.osmotic, fixed_charge_density(tissue, J), log_activity)
+    cation, anion = ion_concentrations(tissue.osmotic, fixed_charge_density(tissue, J), log_activity)
 
     def slope(water: Array | float, activity: float, current: float) -> Array:
         """Gradient of F psi~/(R T), 1/mm."""
         gradients = (value + np.zeros_like(J) for value in (water, activity, current / FARADAY))
-        gradient: Array = potential_gradient_of_current(tissue, J, *ions, *gradients)
+        gradient: Array = potential_gradient_of_current(tissue, J, cation, anion, *gradients)
         return gradient
 
     def fluxes(water: Array | float, activity: float, current: float) -> MixtureFluxes:
         gradients = water + np.zeros_like(J), activity + np.zeros_like(J), slope(water, activity, current)
-        flux: MixtureFluxes = mixture_fluxes(tissue, J, *ions, *gradients)
+        flux: MixtureFluxes = mixture_fluxes(tissue, J, cation, anion, *gradients)
         return flux
 
     driven, pressed = fluxes(0.0, 0.0, 1.0), fluxes(1.0, 0.0, 0.0)
