@@ -13,7 +13,7 @@ import numpy as np
 
 from fvswell.physics.tissue import Array
 
-__all__ = ["Answers", "History", "PiecewiseLinear", "Sine", "ramp", "step"]
+__all__ = ["Answers", "History", "Kink", "PiecewiseLinear", "Sine", "kinks", "ramp", "step"]
 
 
 class Answers(Protocol):
@@ -44,12 +44,31 @@ class History(Protocol):
         ...
 
 
-class _Kink(NamedTuple):
-    """What happens to a piecewise linear history at a time; arrays ``(rows, 1)``."""
+class Kink(NamedTuple):
+    """What happens to a piecewise linear history at a time."""
 
-    time: Array
-    jump: Array
-    change_of_slope: Array
+    time: Array  # s, (rows, 1)
+    jump: Array  # (rows, quantities)
+    change_of_slope: Array  # per s, (rows, quantities)
+
+
+def kinks(times: Array, values: Array) -> Iterator[Kink]:
+    """Jumps and changes of slope of quantities that are linear between points, 0 before and constant after them.
+
+    Parameters
+    ----------
+    times
+        s, not falling, shape ``(rows, points)``; rows may be 1. Two at the same time make a jump.
+    values
+        Shape ``(rows, points, quantities)``.
+    """
+    spans, rises = np.diff(times)[..., None], np.diff(values, axis=1)
+    slopes = np.divide(rises, spans, out=np.zeros(rises.shape), where=spans > 0.0)
+    jumps = np.concatenate([values[:, :1], np.where(spans > 0.0, 0.0, rises)], axis=1)
+    none = np.zeros_like(values[:, :1])
+    changes = np.diff(np.concatenate([none, slopes, none], axis=1), axis=1)
+    for i in range(times.shape[1]):
+        yield Kink(times[:, i, None], jumps[:, i], changes[:, i])
 
 
 @dataclass(frozen=True)
@@ -86,15 +105,8 @@ class PiecewiseLinear:
                 total = total + kink.change_of_slope * answers.ramp(since)
         return total
 
-    def _kinks(self) -> Iterator[_Kink]:
-        times, values = np.atleast_2d(self.times), np.atleast_2d(self.values)
-        spans, rises = np.diff(times), np.diff(values)
-        slopes = np.divide(rises, spans, out=np.zeros(rises.shape), where=spans > 0.0)
-        jumps = np.concatenate([values[:, :1], np.where(spans > 0.0, 0.0, rises)], axis=1)
-        none = np.zeros((len(slopes), 1))
-        changes = np.diff(np.concatenate([none, slopes, none], axis=1))
-        for i in range(times.shape[1]):
-            yield _Kink(times[:, i, None], jumps[:, i, None], changes[:, i, None])
+    def _kinks(self) -> Iterator[Kink]:
+        return kinks(np.atleast_2d(self.times), np.atleast_2d(self.values)[..., None])
 
 
 def step(value: Array | float, time: Array | float = 0.0) -> PiecewiseLinear:
