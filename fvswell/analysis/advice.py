@@ -19,7 +19,8 @@ from fvswell.physics.osmotic import bath_log_activity
 from fvswell.physics.permeability import hydraulic_permeability
 from fvswell.physics.tissue import Array, Tissue
 from fvswell.prediction.case_prediction import conditions_of, is_uniform, mean_tissue, predict_cases, unpredictable
-from fvswell.prediction.predictor import Prediction, kind_of_change
+from fvswell.prediction.conditions import kind_of_change
+from fvswell.prediction.predictor import Prediction
 from fvswell.study.points import CURVES
 
 __all__ = ["ADEQUATE", "GOOD", "Advice", "PhaseAdvice", "advise"]

@@ -27,8 +27,8 @@ class Answers(Protocol):
         """Answer to a ramp of unit slope."""
         ...
 
-    def sine(self, time: Array, angular_frequency: float, phase: float) -> Array:
-        """Answer to sin(omega t + phase)."""
+    def sine(self, time: Array, angular_frequency: float, phase: Array | float) -> Array:
+        """Answer to sin(omega t + phase); a phase or ``(rows, 1)``."""
         ...
 
 
@@ -123,12 +123,12 @@ def ramp(value: Array | float, over: Array | float, start: Array | float = 0.0) 
 
 @dataclass(frozen=True)
 class Sine:
-    """A sine that begins from 0 and keeps the value that it ends with."""
+    """A sine that begins from 0 and keeps the value that it ends with; times are numbers or ``(rows, 1)``."""
 
     amplitude: float
     period: float  # s
-    start: float = 0.0  # s
-    end: float = np.inf  # s
+    start: Array | float = 0.0  # s
+    end: Array | float = np.inf  # s
 
     def value(self, time: Array) -> Array:
         """The load, shape of ``time``."""
@@ -138,7 +138,7 @@ class Sine:
     def answer(self, answers: Answers, time: Array) -> Array:
         """What the system answers, ``(rows, times)`` as ``time``."""
         total = self.amplitude * answers.sine(time - self.start, self.angular_frequency, 0.0)
-        if np.isfinite(self.end):  # take off what would follow, and keep the value
+        if np.all(np.isfinite(self.end)):  # take off what would follow, and keep the value
             phase = self.angular_frequency * (self.end - self.start)
             since = time - self.end
             going_on = answers.sine(since, self.angular_frequency, phase) - np.sin(phase) * answers.step(since)

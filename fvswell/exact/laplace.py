@@ -71,13 +71,13 @@ class TransferAnswers:
         """Answer to a ramp of unit slope, shape of ``time``, ``(rows, times)``."""
         return inverse(lambda s: self.transfer(s) / (s * s), time)
 
-    def sine(self, time: Array, angular_frequency: float, phase: float) -> Array:
-        """Answer to sin(omega t + phase) from time 0 on, shape of ``time``, ``(rows, times)``.
+    def sine(self, time: Array, angular_frequency: float, phase: Array | float) -> Array:
+        """Answer to sin(omega t + phase) from time 0 on, shape of ``time``, ``(rows, times)``; a phase or ``(rows, 1)``.
 
         The steady answer is known, Im T(i omega) exp(i (omega t + phase)); the rest, which dies away, is inverted.
         """
-        steady = self.frequency_response(angular_frequency)[:, None] * np.exp(1j * phase)
-        sine, cosine = np.sin(phase), np.cos(phase)
+        steady = self.frequency_response(angular_frequency)[:, None] * np.exp(1j * np.reshape(phase, (-1, 1)))
+        sine, cosine = np.sin(np.reshape(phase, (-1, 1, 1))), np.cos(np.reshape(phase, (-1, 1, 1)))
 
         def transient(s: Array) -> Array:
             drive = self.transfer(s) * (s * sine + angular_frequency * cosine)

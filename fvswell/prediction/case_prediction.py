@@ -20,7 +20,8 @@ from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.osmotic import bath_log_activity, ion_concentrations
 from fvswell.physics.permeability import open_circuit_ratio
 from fvswell.physics.tissue import Array, Tissue, first_rows, fixed_charge_density, tissue_at, tissue_parameters
-from fvswell.prediction.predictor import Conditions, Prediction, predict
+from fvswell.prediction.conditions import Conditions
+from fvswell.prediction.predictor import Prediction, predict
 
 __all__ = ["conditions_of", "is_uniform", "mean_tissue", "predict_cases", "unpredictable"]
 

@@ -16,7 +16,7 @@ from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.permeability import hydraulic_permeability
 from fvswell.physics.tissue import Array
 from fvswell.prediction.case_prediction import conditions_of, mean_tissue, predict_cases
-from fvswell.prediction.predictor import kind_of_change
+from fvswell.prediction.conditions import kind_of_change
 from fvswell.results.file import COMPLETE
 from fvswell.study.study import Study
 

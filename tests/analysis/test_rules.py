@@ -13,7 +13,7 @@ from fvswell.analysis.prediction_accuracy import assess, known_accuracy, predict
 from fvswell.analysis.rules import fit_curve, fitted_points, paper_fits
 from fvswell.case.case import CaseError
 from fvswell.errors import OutputError
-from fvswell.prediction.predictor import Conditions, kind_of_change
+from fvswell.prediction.conditions import Conditions, kind_of_change
 from fvswell.reporting.console import TextTable
 from fvswell.reporting.rules_report import rules_figure, rules_tables, write_points, write_rules
 from fvswell.study.file import read_study
