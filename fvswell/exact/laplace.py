@@ -72,7 +72,7 @@ class TransferAnswers:
         return inverse(lambda s: self.transfer(s) / (s * s), time)
 
     def sine(self, time: Array, angular_frequency: float, phase: Array | float) -> Array:
-        """Answer to sin(omega t + phase) from time 0 on, shape of ``time``, ``(rows, times)``; a phase or ``(rows, 1)``.
+        """Answer to sin(omega t + phase) from time 0 on, ``(rows, times)`` as ``time``; a phase or ``(rows, 1)``.
 
         The steady answer is known, Im T(i omega) exp(i (omega t + phase)); the rest, which dies away, is inverted.
         """

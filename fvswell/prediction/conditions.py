@@ -34,10 +34,8 @@ class Course:
 
     def points(self, before: Array) -> tuple[Array, Array]:
         """Times and values, ``(rows, points)``, of rows in which the load was ``before``, ``(rows,)``."""
-        times, values = np.broadcast_arrays(np.atleast_2d(self.times), np.atleast_2d(self.values))
-        shape = (len(before), values.shape[1])
-        values = np.broadcast_to(values, shape)
-        return np.broadcast_to(times, shape), np.where(np.isnan(values), before[:, None], values)
+        times, values, start = np.broadcast_arrays(self.times, self.values, before[:, None])
+        return times, np.where(np.isnan(values), start, values)
 
     def mean(self, before: Array, duration: Array) -> Array:
         """Mean over a phase without the sine, ``(rows,)``."""
@@ -90,6 +88,11 @@ class Conditions(NamedTuple):
     current: CourseLike = 0.0  # A/mm2, into the tissue through the filter and out through an electrode in the wall
 
     @property
+    def ends(self) -> tuple[Array, Array]:
+        """Pressure of the piston and concentration of the bath that the phase ends with, ``(rows,)``."""
+        return course_of(self.piston_pressure).final(), course_of(self.bath_concentration).final()
+
+    @property
     def held(self) -> bool:
         """Whether the displacement of the piston is given, and its pressure found."""
         return self.piston_displacement is not None
@@ -100,11 +103,11 @@ def kind_of_change(before: Conditions, after: Conditions) -> Array:
 
     Of steps and ramps: a load that turns on its way, a current and a piston that is held are of no kind.
     """
-    loads = [(before.piston_pressure, after.piston_pressure), (before.bath_concentration, after.bath_concentration)]
-    (earlier, later), (bath, new_bath) = ((course_of(a).final(), course_of(b).final()) for a, b in loads)
+    (earlier, bath), (later, new_bath) = before.ends, after.ends
     pressure = np.sign(later - earlier)
     compression = np.where(pressure > 0.0, 0, np.where(pressure < 0.0, 1, -1))
     kind = np.where(new_bath != bath, np.where(pressure == 0.0, 2, -1), compression)
-    turning = any(course_of(b).turns(course_of(a).final()) for a, b in loads)
+    loads = ((after.piston_pressure, earlier), (after.bath_concentration, bath))
+    turning = any(course_of(load).turns(start) for load, start in loads)
     other = before.held or after.held or turning or course_of(after.current).acts
     return np.full_like(kind, -1) if other else kind

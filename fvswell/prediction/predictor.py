@@ -36,6 +36,7 @@ from fvswell.prediction.responses import Past, current_response, load_response
 __all__ = ["LINEARISED_AT", "Prediction", "predict"]
 
 LINEARISED_AT = (0.8, 0.65, 0.85)  # share of the way between equilibria, by kind_of_change; where that is -1, the last
+_HELD_IN_OTHER_BATH = 0.6  # the same where the bath of a column that is held changes, from a few simulations
 
 _RELAXED_FRACTION = 0.99
 _RELAXATION_TIMES = 1.5
@@ -142,7 +143,7 @@ def predict(
     duration, backward = np.empty(shape), np.zeros(shape, dtype=bool)
     histories, strain, pressure = np.empty((2, *shape, steps_per_phase)), np.empty(shape), np.empty(shape)
     diffusivities: list[tuple[Array, Array]] = []
-    first = before = columns.pressed(*(course_of(load).final() for load in conditions[0][:2]))
+    first = before = columns.pressed(*conditions[0].ends)
     run = _Run(False, first, [], [])
     current = np.zeros(rows)
     for p, each in enumerate(conditions[1:]):
@@ -207,7 +208,7 @@ def _state(
     if columns.turn(before, first, conditions):
         middle = columns.middle(before, first, conditions, duration)
         return middle.volume_ratio, middle.log_activity
-    return tuple(a + share * (b - a) for a, b in zip(before[:2], after[:2], strict=True))  # type: ignore[return-value]
+    return tuple(a + share * (b - a) for a, b in zip(before[:2], after[:2], strict=True))
 
 
 def _current_changes(course: Course, before: Array) -> list[Change]:
@@ -228,5 +229,9 @@ def _rows(tissue: Tissue, conditions: Sequence[Conditions]) -> int:
 
 def _best_states(conditions: Sequence[Conditions], rows: int) -> Array:
     """``LINEARISED_AT`` by the changes in the phases, ``(rows, phases)``."""
-    kinds = [np.broadcast_to(kind_of_change(*pair), rows) for pair in pairwise(conditions)]
-    return np.array(LINEARISED_AT)[np.stack(kinds, axis=1)]
+    states = []
+    for before, after in pairwise(conditions):
+        state = np.array(LINEARISED_AT)[kind_of_change(before, after)]
+        other_bath = after.held & (before.ends[1] != after.ends[1])
+        states.append(np.broadcast_to(np.where(other_bath, _HELD_IN_OTHER_BATH, state), rows))
+    return np.stack(states, axis=1)

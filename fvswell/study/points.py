@@ -26,7 +26,7 @@ CURVES = (
     "compression, loading",
     "compression, unloading",
     "swelling",
-)  # by predictor.kind_of_change
+)  # by kind_of_change
 PAPER_MODELS = ("biphasic-swelling", "electrochemical")
 
 
@@ -98,7 +98,7 @@ def study_points(dataset: xr.Dataset) -> StudyPoints:
 def _points_of(dataset: xr.Dataset, runs: Array, cases: tuple[Case, ...]) -> dict[str, Array]:
     """Points of the runs of a protocol, by the names of `StudyPoints`."""
     conditions, tissue = conditions_of(cases), mean_tissue(cases)
-    J = np.stack([equilibrium_volume_ratio(tissue, *each[:2]) for each in conditions], axis=1)
+    J = np.stack([equilibrium_volume_ratio(tissue, *each.ends) for each in conditions], axis=1)
     curve = np.stack([kind_of_change(*pair) for pair in pairwise(conditions)], axis=1)
     ratio = tissue.cation_diffusivity * tissue.anion_diffusivity
     ratio = ratio / (tissue.solid.youngs_modulus * hydraulic_permeability(tissue, 1.0)) ** 2
