@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
 
+from fvswell.boundary.parts import CONDUCTING
 from fvswell.case.acting_loads import acting_loads
-from fvswell.case.boundary import ColumnBoundary
 from fvswell.case.case import Case, CaseError
 from fvswell.case.column_checks import piston_pressure
 from fvswell.case.errors import Problem, shown
@@ -20,7 +20,7 @@ from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.osmotic import bath_log_activity, ion_concentrations
 from fvswell.physics.permeability import open_circuit_ratio
 from fvswell.physics.tissue import Array, Tissue, first_rows, fixed_charge_density, tissue_at, tissue_parameters
-from fvswell.prediction.conditions import Conditions
+from fvswell.prediction.conditions import Conditions, Course, ramp_to
 from fvswell.prediction.predictor import Prediction, predict
 
 __all__ = ["conditions_of", "is_uniform", "mean_tissue", "predict_cases", "unpredictable"]
@@ -53,20 +53,45 @@ def predict_cases(cases: Sequence[Case], linearised_at: Array | float | None = N
         ),
         relaxation_fraction=first.time.relaxation_fraction,
         steps_per_phase=first.time.samples_per_phase,
+        electrode="anion" if first.parts[1].electrode == "anion" else "cation",
     )
 
 
 def unpredictable(case: Case) -> list[Problem]:
-    """What of a case the predictor does not cover: it is for columns and for pressures of the piston."""
+    """What of a case the predictor does not know: it is for columns that water leaves through the filter alone."""
     if not isinstance(case.geometry, ColumnGeometry):
         return [Problem("geometry.kind", shown(case.geometry.kind), "must be column: only columns can be predicted")]
-    if case.parts != ColumnBoundary().parts():
-        return [Problem("boundary", "", "has another open end or a current: only a closed piston can be predicted")]
-    return [
-        Problem(f"phase.{phase.name}.piston.displacement", "", "is prescribed: only pressures can be predicted")
-        for phase, acting in zip(case.phase, acting_loads(case), strict=True)
-        if "piston.displacement" in acting
+    filter_end, piston = case.parts
+    problems = [
+        Problem(f"boundary.{part.name}.{key}", shown(value), f"is not known of: {known}")
+        for part, key, value, known, wrong in (
+            (filter_end, "bath", "closed", "only a filter that is open can be predicted", not filter_end.open),
+            (piston, "bath", "open", "only a piston that is closed can be predicted", piston.open),
+            *(
+                (part, "electrical", part.electrical, "only a current that is given can be predicted", True)
+                for part in (filter_end, piston)
+                if _conducts(case) and (part.electrical in ("potential", "floating") or not _current_names(case))
+            ),
+        )
+        if wrong
     ]
+    for phase, acting in zip(case.phase, acting_loads(case), strict=True):
+        bath_pressure = acting.get("filter.bath_pressure", 0.0)
+        if isinstance(bath_pressure, Ramp) or bath_pressure:
+            message = "is not known of: only baths without a hydrostatic pressure can be predicted"
+            problems.append(Problem(f"phase.{phase.name}.filter.bath_pressure", "", message))
+    return problems
+
+
+def _conducts(case: Case) -> bool:
+    """Whether a current can pass the column."""
+    _, piston = case.parts
+    return piston.electrical in CONDUCTING
+
+
+def _current_names(case: Case) -> list[str]:
+    """Loads that give the current through the column, at one of its ends."""
+    return [f"{part.name}.current" for part in case.parts if part.electrical == "current" and _conducts(case)]
 
 
 def is_uniform(case: Case) -> bool:
@@ -91,22 +116,34 @@ def conditions_of(cases: Sequence[Case]) -> list[Conditions]:
     bath = np.array([case.bath.concentration for case in cases])
     conditions = [Conditions(np.zeros_like(bath), bath)]
     for acting in zip(*(acting_loads(case) for case in cases), strict=True):
-        pairs = [
-            (piston_pressure(case, each), each["filter.bath_concentration"])
-            for case, each in zip(cases, acting, strict=True)
-        ]
-        targets = (np.array([_target(load) for load in loads]) for loads in zip(*pairs, strict=True))
-        ramps = (np.array([_duration(load) for load in loads]) for loads in zip(*pairs, strict=True))
-        conditions.append(Conditions(*targets, *ramps))
+        pressures = [piston_pressure(case, each) for case, each in zip(cases, acting, strict=True)]
+        held = pressures[0] is None
+        conditions.append(
+            Conditions(
+                0.0 if held else _course(pressures),
+                _course([each["filter.bath_concentration"] for each in acting]),
+                _course([each.get("piston.displacement", 0.0) for each in acting]) if held else None,
+                _current(cases[0], acting),
+            )
+        )
     return conditions
 
 
-def _target(load: float | Ramp | None) -> float:
-    return np.nan if load is None else final_value(load)
+def _current(case: Case, acting: Sequence[Mapping[str, float | Ramp]]) -> Course | float:
+    """Current along the column, from the filter to the piston."""
+    for name in _current_names(case):
+        course = _course([each[name] for each in acting])
+        return course if name == "filter.current" else Course(course.times, -course.values)
+    return 0.0
 
 
-def _duration(load: float | Ramp | None) -> float:
-    return load.over if isinstance(load, Ramp) else 0.0
+def _course(loads: Sequence[float | Ramp | None]) -> Course:
+    """The course of one load in several cases."""
+    given = [load for load in loads if load is not None]
+    return ramp_to(
+        np.array([final_value(load) for load in given]),
+        np.array([load.over if isinstance(load, Ramp) else 0.0 for load in given]),
+    )
 
 
 @lru_cache

@@ -49,7 +49,7 @@ class Course:
     def turns(self, before: Array) -> bool:
         """Whether the load, which was ``before``, comes back on its way in any row."""
         _, values = self.points(before)
-        rises = np.diff(values, axis=1, prepend=before[:, None])
+        rises = np.diff(values, axis=1, prepend=np.broadcast_to(before[:, None], (len(values), 1)))
         back = rises.max(axis=1) * rises.min(axis=1) < 0.0
         return bool(self.amplitude or np.any(back))
 

@@ -133,6 +133,11 @@ def predict(
         Number of equal steps at whose ends the histories are given.
     electrode
         In the wall at the far end, of currents.
+
+    Raises
+    ------
+    ValueError
+        If a phase in which a load turns on its way has no duration.
     """
     rows = _rows(tissue, conditions)
     columns = Columns(tissue, height, rows)
@@ -206,6 +211,8 @@ def _state(
 ) -> tuple[Array, Array]:
     """J and ln a~ to linearise about."""
     if columns.turn(before, first, conditions):
+        if np.isnan(duration).any():
+            raise ValueError("a phase in which a load turns on its way needs a duration in s")
         middle = columns.middle(before, first, conditions, duration)
         return middle.volume_ratio, middle.log_activity
     return tuple(a + share * (b - a) for a, b in zip(before[:2], after[:2], strict=True))

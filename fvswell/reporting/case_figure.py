@@ -70,9 +70,7 @@ def load_curves(case: Case, durations: Sequence[float]) -> dict[str, Curve]:
         for name, load in acting.items():
             first = before.get(name, 0.0)
             values = [value_at(load, time, first) for time in within]
-            curves.setdefault(name, []).append(
-                np.array([[start, *(start + within), np.nan], [first, *values, np.nan]])
-            )
+            curves.setdefault(name, []).append(np.array([[start, *(start + within), np.nan], [first, *values, np.nan]]))
         before = {name: final_value(load, duration) for name, load in acting.items()}
         start += duration
     return {name: Curve(*np.concatenate(parts, axis=1)) for name, parts in curves.items()}
@@ -183,5 +181,3 @@ def _name(axes: Axes, part: Part, line: Array, extent: tuple[float, float]) -> N
         ha="center" if not upright else ("left" if outward[0] > 0 else "right"),
         va="center" if upright else ("bottom" if outward[1] > 0 else "top"),
     )  # fmt: skip
-
-

@@ -104,7 +104,7 @@ def _points_of(dataset: xr.Dataset, runs: Array, cases: tuple[Case, ...]) -> dic
     ratio = ratio / (tissue.solid.youngs_modulus * hydraulic_permeability(tissue, 1.0)) ** 2
     # the paper does not say in which state J is taken: here in equilibrium before the first phase
     compression = (ratio * J[:, 0])[:, None]
-    swelling = compression * (tissue.fixed_charge_density / conditions[0].bath_concentration)[:, None]
+    swelling = compression * (tissue.fixed_charge_density / conditions[0].ends[1])[:, None]
     with np.errstate(divide="ignore"):  # without fixed charge there is no swelling: f_s is -inf
         number = np.log10(np.where(curve == CURVES.index("swelling"), swelling, compression))
     r_squared = dataset["r_squared"].values[runs]
