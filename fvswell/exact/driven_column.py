@@ -154,25 +154,31 @@ class DrivenColumn:
         """Change of the piston's pressure."""
         if not self.held:
             return drive.pressure[:, None, None] + 0.0 * s
-        needed = drive.volume[:, None, None] - self._free_volume(drive.contents, drive.wall, s)
-        return needed / self._free_volume(self._by_pressure, np.zeros_like(drive.wall), s)
+        waves = self._waves(s)
+        needed = drive.volume[:, None, None] - self._free_volume(drive.contents, drive.wall, waves)
+        return needed / self._free_volume(self._by_pressure, np.zeros_like(drive.wall), waves)
 
     def _mean_volume(self, drive: Drive, s: Array) -> Array:
         """Mean change of J."""
         if self.held:
             return drive.volume[:, None, None] + 0.0 * s
-        return self._free_volume(drive.contents, drive.wall, s)
+        return self._free_volume(drive.contents, drive.wall, self._waves(s))
 
-    def _free_volume(self, contents: Array, wall: Array, s: Array) -> Array:
+    def _waves(self, s: Array) -> list[_Wave]:
+        """Of each eigenvalue."""
+        root = np.sqrt(s)
+        return [_Wave.of(root * np.sqrt(time)[:, None, None]) for time in self._slab_times.T]
+
+    def _free_volume(self, contents: Array, wall: Array, waves: list[_Wave]) -> Array:
         """Mean change of J by changes at the filter and at the wall."""
-        shares = (self.column.response(change)[:, :, 0] for change in (contents, wall))
-        total = np.zeros_like(s)
-        for time, at_filter, at_wall in zip(self._slab_times.T, *(share.T for share in shares), strict=True):
-            z = np.sqrt(s * time[:, None, None])
-            total = total + _tanh(z) / z * at_filter[:, None, None]
-            if np.any(at_wall):
-                total = total + _rise(z) * at_wall[:, None, None]
-        return total
+        at_filter, at_wall = (self.column.response(change)[:, :, 0] for change in (contents, wall))
+        total = sum(wave.mean * share[:, None, None] for wave, share in zip(waves, at_filter.T, strict=True))
+        if np.any(at_wall):
+            total = total + sum(
+                _rise(wave.z) * share[:, None, None] for wave, share in zip(waves, at_wall.T, strict=True)
+            )
+        result: Array = np.asarray(total)
+        return result
 
     def _potential(self, measured: Measured, drive: Drive, s: Array) -> Array:
         """Potential at the far end, relative to the bath, mV."""
@@ -197,10 +203,9 @@ class DrivenColumn:
         at_filter = drive.contents.T[:, :, None, None] + self._by_pressure.T[:, :, None, None] * pressure
         at_wall = np.zeros(at_filter.shape, dtype=complex)
         shares = [self.column.response(change) for change in (drive.contents, self._by_pressure, drive.wall)]
-        for i, time in enumerate(self._slab_times.T):
-            z = np.sqrt(s * time[:, None, None])
+        for i, wave in enumerate(self._waves(s)):
             given, pressed, wall = (share[:, i].T[:, :, None, None] for share in shares)
-            at_wall = at_wall + _sech(z) * (given + pressed * pressure) + _tanh(z) / z * wall
+            at_wall = at_wall + _sech(wave.z) * (given + pressed * pressure) + wave.mean * wall
         return at_wall, at_filter
 
     @cached_property
@@ -229,8 +234,15 @@ class DrivenColumn:
         return column.current_height[:, None] * slope
 
 
-def _tanh(z: Array) -> Array:
-    return -np.expm1(-2.0 * z) / (1.0 + np.exp(-2.0 * z))
+class _Wave(NamedTuple):
+    """What is needed of the profile of an eigenvalue, shape of s."""
+
+    z: Array
+    mean: Array  # tanh(z)/z
+
+    @classmethod
+    def of(cls, z: Array) -> _Wave:
+        return cls(z, np.tanh(z) / z)
 
 
 def _sech(z: Array) -> Array:

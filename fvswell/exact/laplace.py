@@ -21,7 +21,7 @@ __all__ = ["TransferAnswers", "Transform", "inverse"]
 
 Transform = Callable[[Array], Array]
 
-_NODES = 15
+_NODES = 12
 _STEP, _SCALE, _ANGLE = 1.081792140, 4.492075287, 1.172104229  # h N, mu t/N and alpha of the source
 
 
