@@ -12,7 +12,7 @@ from fvswell.column.balances import COLUMN_LOADS
 from fvswell.column.column import Column, compiled_march
 from fvswell.column.grid import column_grid
 from fvswell.column.stage import ColumnBody
-from fvswell.numerics.loads import Load, Protocol, make_protocol
+from fvswell.numerics.loads import AnyLoad, Load, Protocol, make_protocol
 from fvswell.numerics.state import COMPLETE, STATUS, Control, Record, State, Workspace, record_room, workspace
 from fvswell.numerics.tableaux import BACKWARD_EULER, ESDIRK43, Tableau
 from fvswell.physics.models import MODELS
@@ -32,15 +32,14 @@ def make_column(
 
 
 def loads(
-    pressure: Load | float | None = 0.0, bath: Load | float = BATH, height: Load | float | None = None, **others: Any
-) -> list[Load | None]:
+    pressure: AnyLoad | float | None = 0.0, bath: AnyLoad | float = BATH, height: AnyLoad | float | None = None,
+    **others: Any,
+) -> list[AnyLoad | None]:  # fmt: skip
     """Loads of one phase; a number is a load that is there at once. With a height, the pressure is found."""
     chosen: dict[str, Any] = dict.fromkeys(COLUMN_LOADS, 0.0)
     chosen |= {"pressure": pressure if height is None else None, "height": height, "filter_concentration": bath}
     chosen |= {"piston_concentration": bath} | others
-    return [
-        load if load is None or isinstance(load, Load) else Load(load) for load in map(chosen.__getitem__, COLUMN_LOADS)
-    ]
+    return [Load(load) if isinstance(load, float | int) else load for load in map(chosen.__getitem__, COLUMN_LOADS)]
 
 
 def first_step(column: Column) -> float:

@@ -162,13 +162,23 @@ def _beyond(case: Case, phases: Sequence[PhaseAdvice]) -> Iterator[str]:
         yield "a piston that is held"
     if _has_current(case):
         yield "an electric current"
-    elif any(not phase.change and phase.quantity == "strain" and not np.isnan(phase.r_squared) for phase in phases):
+    if _turns(case):
+        yield "a load that turns on its way"
+    elif not _has_current(case) and any(
+        not phase.change and phase.quantity == "strain" and not np.isnan(phase.r_squared) for phase in phases
+    ):
         yield "load and bath changed at once"
 
 
 def _has_current(case: Case) -> bool:
     """Whether a current passes in any phase."""
     return any(course_of(each.current).acts for each in conditions_of([case]))
+
+
+def _turns(case: Case) -> bool:
+    """Whether any load comes back on its way in a phase."""
+    phases = pairwise(conditions_of([case]))
+    return any(after.turns(before) for before, after in phases)
 
 
 def _first_equilibrium(case: Case) -> tuple[Tissue, Array, Array]:
@@ -188,7 +198,7 @@ def _recommendation(phases: Sequence[PhaseAdvice]) -> tuple[str, str]:
         return BIPHASIC_SWELLING.name, "nothing changes in any phase, so the models agree"
     worst = min(judged, key=lambda phase: phase.r_squared_range[0])
     backward = [phase.name for phase in judged if phase.flows_backward_first]
-    error = f"largest error {100.0 * worst.largest_share:.2g} % of the {worst.quantity}"
+    error = f"largest error {_percent(worst.largest_share)} of the {worst.quantity}"
     found = f"{worst.name}: R^2 about {worst.r_squared:.3g}, {error}"
     if worst.r_squared_range[0] >= GOOD:
         return BIPHASIC_SWELLING.name, f"it follows the full model closely even where it is worst ({found})"
@@ -200,6 +210,11 @@ def _recommendation(phases: Sequence[PhaseAdvice]) -> tuple[str, str]:
     return ELECTROCHEMICAL.name, "; ".join(
         [f"the biphasic-swelling model may fail ({found})", _cause(worst), *_backward(backward)]
     )
+
+
+def _percent(share: float) -> str:
+    """In two digits, and whole numbers from 10 on."""
+    return f"{100.0 * share:.0f} %" if share >= 0.1 else f"{100.0 * share:.2g} %"
 
 
 def _cause(phase: PhaseAdvice) -> str:

@@ -12,13 +12,13 @@ import numpy as np
 
 from fvswell.case.acting_loads import acting_loads, reference_bath
 from fvswell.case.case import Case
-from fvswell.case.column_checks import piston_pressure, pressed_by
+from fvswell.case.column_checks import longest, piston_pressure, pressed_by
 from fvswell.case.errors import Finding, Location, Problem
 from fvswell.case.geometry import BlockGeometry
+from fvswell.case.loads import extremes, final_value, in_length, shape_of
 from fvswell.case.profiles import DepthProfile, PlaneProfile
 from fvswell.case.reading import problems_of, value_type
 from fvswell.case.reference_state import stress_free
-from fvswell.case.values import final_value
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.models import MODELS
 from fvswell.physics.osmotic import osmotic_pressure_difference
@@ -109,13 +109,14 @@ def _unusual_values(case: Case) -> Iterator[Finding]:
             )
     usual = RANGES["bath.concentration"]
     for phase, each in enumerate(case.phase):
-        baths = {("bath_concentration",): each.bath_concentration}
+        baths: dict[Location, Any] = {("bath_concentration",): each.bath_concentration}
         baths |= {(name, "bath_concentration"): loads.bath_concentration for name, loads in each.part_loads()}
         for place, load in baths.items():
-            if load is not None and not usual.holds(final_value(load)):
+            value = np.nan if load is None else final_value(load, longest(each))
+            if load is not None and not usual.holds(value):
                 yield Finding(
                     ("phase", phase, *place),
-                    f"is {final_value(load):.4g} mmol/mm^3, and usual are {usual.low:g} to {usual.high:g} mmol/mm^3: "
+                    f"is {value:.4g} mmol/mm^3, and usual are {usual.low:g} to {usual.high:g} mmol/mm^3: "
                     f"{usual.source}; is the unit as meant?",
                 )
 
@@ -156,10 +157,11 @@ def _states(case: Case) -> Iterator[_State]:
         if phase.bath_concentration is not None:
             location = ("phase", index, "bath_concentration")
         pressure = piston_pressure(case, acting)
-        if pressure is not None and final_value(pressure) != 0.0:
+        pressed = 0.0 if pressure is None else final_value(pressure, longest(phase))
+        if pressed != 0.0:
             location = pressed_by(case, index)
-        bath = final_value(acting[f"{reference.name}.bath_concentration"])
-        yield _State(location, 0.0 if pressure is None else final_value(pressure), bath)
+        bath = final_value(shape_of(acting[f"{reference.name}.bath_concentration"]), longest(phase))
+        yield _State(location, pressed, bath)
 
 
 def _unusual_strains(states: list[_State], ratios: list[Array], swollen: Array) -> Iterator[Finding]:
@@ -188,7 +190,8 @@ def _unusual_displacements(case: Case) -> Iterator[Finding]:
             if kind != "displacement":
                 continue
             axis = 0 if edges.get(part) in ("left", "right") else -1
-            strain = final_value(load) / extent[axis]
+            moved = extremes(in_length(load, extent[axis]), longest(phase), 0.0)
+            strain = max(moved, key=abs) / extent[axis]
             if not usual.holds(strain):
                 yield Finding(
                     ("phase", index),

@@ -83,6 +83,7 @@ class Workspace(NamedTuple):
     unknowns: Any  # (unknowns,)
     loads: Any  # (loads,)
     slopes: Any  # (loads,)
+    extents: Any  # (loads,)
     rate: Any  # (balances, cells)
     crossing: Any  # (parts, 3)
     dense: Any  # (parts, 3)
@@ -119,6 +120,6 @@ def workspace(state: State, stages: int) -> Workspace:
     return Workspace(
         np.zeros((stages, *contents.shape)), np.zeros((stages, parts, 3)), np.zeros((stages, len(unknowns))),
         np.zeros_like(contents), np.zeros_like(contents), np.zeros_like(unknowns), np.zeros_like(loads),
-        np.zeros_like(loads), np.zeros_like(contents), np.zeros((parts, 3)), np.zeros((parts, 3)), np.zeros(6),
-        np.zeros(stages + 2),
+        np.zeros_like(loads), np.zeros_like(loads), np.zeros_like(contents), np.zeros((parts, 3)), np.zeros((parts, 3)),
+        np.zeros(6), np.zeros(stages + 2),
     )  # fmt: skip

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -13,8 +14,9 @@ from fvswell.case.case import Case, CaseError
 from fvswell.case.column_checks import piston_pressure
 from fvswell.case.errors import Problem, shown
 from fvswell.case.geometry import ColumnGeometry
+from fvswell.case.loads import AnyLoad, Ramp, Shape, Sine, StrainLoad, TableLoad, final_value, shape_of
 from fvswell.case.reference_state import stress_free
-from fvswell.case.values import Ramp, RelaxationTimes, final_value
+from fvswell.case.values import RelaxationTimes
 from fvswell.column.grid import ColumnGrid, column_grid
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.models import ELECTROCHEMICAL
@@ -62,26 +64,32 @@ def unpredictable(case: Case) -> list[Problem]:
     """What of a case the predictor does not know: it is for columns that water leaves through the filter alone."""
     if not isinstance(case.geometry, ColumnGeometry):
         return [Problem("geometry.kind", shown(case.geometry.kind), "must be column: only columns can be predicted")]
+    return [*_unknown_boundary(case), *_unknown_phases(case)]
+
+
+def _unknown_boundary(case: Case) -> Iterator[Problem]:
     filter_end, piston = case.parts
-    problems = [
-        Problem(f"boundary.{part.name}.{key}", shown(value), f"is not known of: {known}")
-        for part, key, value, known, wrong in (
-            (filter_end, "bath", "closed", "only a filter that is open can be predicted", not filter_end.open),
-            (piston, "bath", "open", "only a piston that is closed can be predicted", piston.open),
-            *(
-                (part, "electrical", part.electrical, "only a current that is given can be predicted", True)
-                for part in (filter_end, piston)
-                if _conducts(case) and (part.electrical in ("potential", "floating") or not _current_names(case))
-            ),
-        )
-        if wrong
-    ]
+    if not filter_end.open:
+        yield Problem("boundary.filter.bath", shown("closed"), "only a filter that is open can be predicted")
+    if piston.open:
+        yield Problem("boundary.piston.bath", shown("open"), "only a piston that is closed can be predicted")
+    elif _conducts(case) and not _current_names(case):
+        message = "only a current that is given can be predicted"
+        yield Problem("boundary.piston.electrical", shown(piston.electrical), message)
+
+
+def _unknown_phases(case: Case) -> Iterator[Problem]:
     for phase, acting in zip(case.phase, acting_loads(case), strict=True):
-        bath_pressure = acting.get("filter.bath_pressure", 0.0)
-        if isinstance(bath_pressure, Ramp) or bath_pressure:
-            message = "is not known of: only baths without a hydrostatic pressure can be predicted"
-            problems.append(Problem(f"phase.{phase.name}.filter.bath_pressure", "", message))
-    return problems
+        place = f"phase.{phase.name}"
+        if acting.get("filter.bath_pressure", 0.0) != 0.0:
+            message = "only baths without a hydrostatic pressure can be predicted"
+            yield Problem(f"{place}.filter.bath_pressure", "", message)
+        if phase.until is not None:
+            yield Problem(f"{place}.until", "", "only phases of given durations can be predicted")
+        turning = any(isinstance(shape_of(load), TableLoad | Sine) for load in acting.values())
+        if turning and isinstance(phase.duration, RelaxationTimes):
+            message = "tables and sines can be predicted only in a phase whose duration is in s"
+            yield Problem(f"{place}.duration", shown(str(phase.duration)), message)
 
 
 def _conducts(case: Case) -> bool:
@@ -124,37 +132,67 @@ def _stress_free_column(case: Case) -> tuple[Tissue, Array]:
 
 
 def conditions_of(cases: Sequence[Case]) -> list[Conditions]:
-    """Conditions before the first phase and in each phase, arrays of shape ``(cases,)``."""
+    """Conditions before the first phase and in each phase, arrays of shape ``(cases,)``.
+
+    Raises
+    ------
+    ValueError
+        If loads of the cases differ in more than numbers.
+    """
     bath = np.array([case.bath.concentration for case in cases])
     conditions = [Conditions(np.zeros_like(bath), bath)]
     for acting in zip(*(acting_loads(case) for case in cases), strict=True):
         pressures = [piston_pressure(case, each) for case, each in zip(cases, acting, strict=True)]
-        held = pressures[0] is None
+        given = [pressure for pressure in pressures if pressure is not None]
+        held = None if given else [_displacement(case, each) for case, each in zip(cases, acting, strict=True)]
         conditions.append(
             Conditions(
-                0.0 if held else _course(pressures),
-                _course([each["filter.bath_concentration"] for each in acting]),
-                _course([each.get("piston.displacement", 0.0) for each in acting]) if held else None,
+                _course(given) if given else 0.0,
+                _course([shape_of(each["filter.bath_concentration"]) for each in acting]),
+                None if held is None else _course(held),
                 _current(cases[0], acting),
             )
         )
     return conditions
 
 
-def _current(case: Case, acting: Sequence[Mapping[str, float | Ramp]]) -> Course | float:
+def _displacement(case: Case, acting: Mapping[str, AnyLoad]) -> Shape:
+    """Displacement of the piston from the equilibrated sample, mm; 0 of one that is fixed."""
+    load = acting.get("piston.displacement", 0.0)
+    if not isinstance(load, StrainLoad):
+        return load
+    stretch = equilibrium_volume_ratio(mean_tissue([case]), 0.0, case.bath.concentration)
+    return load.of(float(stress_free_heights([case]).item() * stretch.item()))
+
+
+def _current(case: Case, acting: Sequence[Mapping[str, AnyLoad]]) -> Course | float:
     """Current along the column, from the filter to the piston."""
     for name in _current_names(case):
-        course = _course([each[name] for each in acting])
-        return course if name == "filter.current" else Course(course.times, -course.values)
+        course = _course([shape_of(each[name]) for each in acting])
+        if name == "filter.current":
+            return course
+        return replace(course, values=-course.values, amplitude=-course.amplitude)
     return 0.0
 
 
-def _course(loads: Sequence[float | Ramp | None]) -> Course:
+def _course(loads: Sequence[Shape]) -> Course:
     """The course of one load in several cases."""
-    given = [load for load in loads if load is not None]
+    tables = [load for load in loads if isinstance(load, TableLoad)]
+    sines = [load for load in loads if isinstance(load, Sine)]
+    if (tables and len(tables) < len(loads)) or (sines and len(sines) < len(loads)):
+        raise ValueError("tables and sines cannot be predicted together with other loads in their place")
+    if tables:
+        times, values = np.array([load.times for load in tables]), np.array([load.values for load in tables])
+        still = np.full((len(tables), 1), np.nan)  # until the first point
+        return Course(np.concatenate([0.0 * times[:, :1], times], axis=1), np.concatenate([still, values], axis=1))
+    if sines:
+        if len({load.period for load in sines}) > 1:
+            raise ValueError("sines of different periods cannot be predicted together")
+        amplitude = np.array([load.amplitude for load in sines])
+        return Course(np.zeros(1), np.array([[load.mean] for load in sines]), amplitude, sines[0].period)
     return ramp_to(
-        np.array([final_value(load) for load in given]),
-        np.array([load.over if isinstance(load, Ramp) else 0.0 for load in given]),
+        np.array([final_value(load) for load in loads]),
+        np.array([load.over if isinstance(load, Ramp) else 0.0 for load in loads]),
     )
 
 

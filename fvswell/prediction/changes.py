@@ -92,7 +92,8 @@ class Columns:
             states = [self._moved(axis, state, value) for value in points.T]
             path = np.stack([each.contents - state.contents for each in states], axis=1)
             oscillation, end = None, states[-1]
-            if amplitude := axis.course.amplitude:
+            amplitude = axis.course.amplitude
+            if np.any(amplitude):
                 high, low = (axis.at(state, points[:, -1] + sign * amplitude).contents for sign in (1.0, -1.0))
                 oscillation = Oscillation(0.5 * (high - low), axis.course.period)
                 end = axis.at(state, np.broadcast_to(axis.course.final(duration), start.shape))

@@ -24,12 +24,12 @@ class Course:
     values
         The same shape; nan where the load still is as the phase found it.
     amplitude, period
-        Of the sine, which begins with the phase; period in s.
+        Of the sine, which begins with the phase; the amplitude a number or ``(rows,)``, the period in s.
     """
 
     times: Array
     values: Array
-    amplitude: float = 0.0
+    amplitude: Array | float = 0.0
     period: float = np.inf
 
     def points(self, before: Array) -> tuple[Array, Array]:
@@ -51,12 +51,12 @@ class Course:
         _, values = self.points(before)
         rises = np.diff(values, axis=1, prepend=np.broadcast_to(before[:, None], (len(values), 1)))
         back = rises.max(axis=1) * rises.min(axis=1) < 0.0
-        return bool(self.amplitude or np.any(back))
+        return bool(np.any(self.amplitude) or np.any(back))
 
     @property
     def acts(self) -> bool:
         """Whether the load is anything but 0."""
-        return bool(self.amplitude or np.any(self.values))
+        return bool(np.any(self.amplitude) or np.any(self.values))
 
     def final(self, duration: Array | float = np.nan) -> Array:
         """Value that the phase ends with, ``(rows,)``; the mean of the sine where the duration is not known."""
@@ -92,6 +92,14 @@ class Conditions(NamedTuple):
         """Pressure of the piston and concentration of the bath that the phase ends with, ``(rows,)``."""
         return course_of(self.piston_pressure).final(), course_of(self.bath_concentration).final()
 
+    def turns(self, before: Conditions) -> bool:
+        """Whether a load comes back on its way after other conditions."""
+        baths = course_of(self.bath_concentration).turns(before.ends[1])
+        if self.piston_displacement is None:
+            return baths or course_of(self.piston_pressure).turns(before.ends[0])
+        start = 0.0 if before.piston_displacement is None else before.piston_displacement
+        return baths or course_of(self.piston_displacement).turns(course_of(start).final())
+
     @property
     def held(self) -> bool:
         """Whether the displacement of the piston is given, and its pressure found."""
@@ -107,7 +115,5 @@ def kind_of_change(before: Conditions, after: Conditions) -> Array:
     pressure = np.sign(later - earlier)
     compression = np.where(pressure > 0.0, 0, np.where(pressure < 0.0, 1, -1))
     kind = np.where(new_bath != bath, np.where(pressure == 0.0, 2, -1), compression)
-    loads = ((after.piston_pressure, earlier), (after.bath_concentration, bath))
-    turning = any(course_of(load).turns(start) for load, start in loads)
-    other = before.held or after.held or turning or course_of(after.current).acts
+    other = before.held or after.held or after.turns(before) or course_of(after.current).acts
     return np.full_like(kind, -1) if other else kind

@@ -222,7 +222,8 @@ def _current_changes(course: Course, before: Array) -> list[Change]:
     """Changes of the current in a phase, A/mm2."""
     times, values = course.points(before)
     path = (values - before[:, None])[..., None]
-    oscillation = Oscillation(np.full((len(before), 1), course.amplitude), course.period) if course.amplitude else None
+    amplitude = np.broadcast_to(course.amplitude, before.shape)[:, None]
+    oscillation = Oscillation(amplitude, course.period) if np.any(amplitude) else None
     return [Change(times, path, oscillation)] if np.any(path) or oscillation is not None else []
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fvswell.analysis.advice import Advice, PhaseAdvice
+from fvswell.prediction.determination import NO_VARIATION
 from fvswell.reporting.console import TextTable, percent
 
 __all__ = ["advice_lines", "advice_tables"]
@@ -80,7 +81,7 @@ def _largest(phase: PhaseAdvice) -> list[str]:
 
 def _amount(phase: PhaseAdvice, value: float) -> str:
     """A strain or a pressure."""
-    return percent(value) if phase.quantity == "strain" else f"{value:.4g} MPa"
+    return percent(value) if phase.quantity == "strain" else f"{value if abs(value) > NO_VARIATION else 0.0:.4g} MPa"
 
 
 def _direction(phase: PhaseAdvice) -> str:

@@ -70,6 +70,8 @@ class Layout:
             "case_toml": case.to_toml(),
             "case_sha256": case.sha256,
         }
+        if case.load_files:
+            self.attributes["load_folder"] = str(case.folder.resolve())
 
     def field_dimensions(self, name: str) -> tuple[str, ...]:
         """Dimensions of a field."""

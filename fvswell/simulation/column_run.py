@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from fvswell.case.acting_loads import acting_loads
+from fvswell.case.acting_loads import acting_loads, moved_part
 from fvswell.case.case import Case
 from fvswell.case.column_checks import piston_pressure
+from fvswell.case.loads import AnyLoad, in_length, shape_of
 from fvswell.case.output_times import output_times
 from fvswell.case.reference_state import stress_free
-from fvswell.case.values import Ramp, final_value
 from fvswell.column.balances import COLUMN_LOADS
 from fvswell.column.column import Column, compiled_march
 from fvswell.column.fields import column_fields
 from fvswell.column.grid import ColumnGrid, column_grid, grid_of_widths
 from fvswell.column.stage import ColumnBody
 from fvswell.errors import SolverError
-from fvswell.numerics.loads import Load, Protocol, make_protocol
+from fvswell.numerics import loads as numerics
+from fvswell.numerics.loads import STRAIN, Load, Protocol, make_protocol
 from fvswell.numerics.state import Control, Record, State
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.models import MODELS, Model
@@ -29,6 +30,7 @@ from fvswell.physics.solids import aggregate_modulus
 from fvswell.physics.tissue import Array, Tissue
 from fvswell.results.fields import FIELDS
 from fvswell.results.layout import Layout
+from fvswell.simulation.loads import numeric_load
 from fvswell.simulation.step_control import FIRST_STEP, SMALLEST_STRAIN, step_control
 
 __all__ = ["ColumnRun"]
@@ -134,18 +136,18 @@ class ColumnRun:
         return float(self._volume_ratios[0] @ self.grid.widths)
 
     @cached_property
-    def _loads(self) -> list[list[Load | None]]:
-        """Each load of a column in each phase; heights as displacements of the piston."""
+    def _loads(self) -> list[list[numerics.AnyLoad | None]]:
+        """Each load of a column in each phase."""
         phases = []
         for acting in acting_loads(self.case, self._held_loads()):
             baths = {
-                f"{end}_{kind}": _load(acting.get(f"{end}.bath_{kind}"))
+                f"{end}_{kind}": _load(acting, f"{end}.bath_{kind}")
                 for end in ("filter", "piston")
                 for kind in ("concentration", "pressure")
             }
             loads = baths | {
-                "pressure": _load(piston_pressure(self.case, acting)),
-                "height": _load(acting.get("piston.displacement")),
+                "pressure": numeric_load(piston_pressure(self.case, acting)),
+                "height": self._height(acting),
                 "current": Load(0.0),
             }
             reference = baths["filter_concentration"] or baths["piston_concentration"]
@@ -155,15 +157,25 @@ class ColumnRun:
             phases.append([loads[name] for name in COLUMN_LOADS])
         return phases
 
+    @cached_property
+    def _free_height(self) -> float:
+        """Height of the equilibrated column, mm, found without the loads."""
+        return float(self.column.initial_volume_ratio() @ self.grid.widths)
+
+    def _height(self, acting: Mapping[str, AnyLoad]) -> numerics.AnyLoad | None:
+        """Height of the column where a displacement of the piston gives it."""
+        if "piston.displacement" not in acting:
+            return None
+        return numeric_load(in_length(acting["piston.displacement"], self._free_height), self._free_height)
+
     def _held_loads(self) -> dict[str, float] | None:
         """Loads that a run before has left, by the names of the case."""
         if self.held is None:
             return None
         held = dict(zip(COLUMN_LOADS, map(float, self.held), strict=True))
-        height = float(self.column.initial_volume_ratio() @ self.grid.widths)
         names = {
             "piston.pressure": held["pressure"],
-            "piston.displacement": held["height"] - height,
+            "piston.displacement": held["height"] - self._free_height,
             **{f"{end}.bath_{kind}": held[f"{end}_{kind}"] for end in ("filter", "piston")
                for kind in ("concentration", "pressure")},
         }  # fmt: skip
@@ -172,8 +184,10 @@ class ColumnRun:
     def equilibrium_strains(self) -> Array:
         """Global strain in equilibrium under the loads that each phase ends with, (phases,)."""
         free = self._volume_ratios[1:] @ self.grid.widths / self.initial_height - 1.0
-        held = [np.nan if loads[1] is None else loads[1].target / self.initial_height for loads in self._loads]
-        return np.where(np.isnan(held), free, held)
+        heights = np.array([np.nan if loads[1] is None else loads[1].target for loads in self._loads])
+        if np.isnan(heights).all():
+            return free
+        return np.where(np.isnan(heights), free, (heights - self._free_height) / self.initial_height)
 
     def largest_strain(self) -> float:
         """Largest strain in equilibrium of the protocol, of the sample let free as well as held.
@@ -198,14 +212,18 @@ class ColumnRun:
         times
             Outputs to record instead of the case's own.
         """
-        phases: list[list[Load | None]] = [
-            [loads[0], _shifted(loads[1], self.initial_height), *loads[2:]] for loads in self._loads
-        ]
+        slopes = [name == "height" for name in COLUMN_LOADS]
         due: Any = output_times(self.case, durations) if times is None else np.asarray(times)
         if multiples is None:
-            return make_protocol(phases, durations, due)
+            return make_protocol(self._loads, durations, due, slope_matters=slopes)
         fraction = self.case.time.relaxation_fraction
-        return make_protocol(phases, durations, (), multiples, self.equilibrium_strains().tolist(), fraction)
+        strains = self.equilibrium_strains().tolist()
+        return make_protocol(self._loads, durations, (), multiples, strains, fraction, slope_matters=slopes)
+
+    def measured(self) -> list[int]:
+        """What the end of each phase may depend on: index of a load, or `STRAIN`."""
+        moved = [moved_part(self.case, acting) for acting in acting_loads(self.case, self._held_loads())]
+        return [STRAIN if part is None else COLUMN_LOADS.index("pressure") for part in moved]
 
     def control(self) -> Control:
         """How the steps are chosen."""
@@ -261,11 +279,5 @@ class ColumnRun:
         )  # fmt: skip
 
 
-def _load(value: float | Ramp | None) -> Load | None:
-    if value is None:
-        return None
-    return Load(final_value(value), value.over if isinstance(value, Ramp) else 0.0)
-
-
-def _shifted(load: Load | None, by: float) -> Load | None:
-    return None if load is None else load._replace(target=load.target + by)
+def _load(acting: Mapping[str, AnyLoad], name: str) -> numerics.AnyLoad | None:
+    return numeric_load(shape_of(acting[name])) if name in acting else None

@@ -151,6 +151,44 @@ def test_advice_on_a_held_piston_agrees_with_the_models(changes: dict[str, Any],
     assert 1.0 - phase.r_squared == pytest.approx(1.0 - simulated.r_squared, rel=closeness)
 
 
+@pytest.mark.parametrize(
+    "load",
+    [
+        {"mean": 0.01, "amplitude": 0.01, "period": 200.0},
+        {"times": [0.0, 100.0, 250.0], "values": [0.0, 0.02, 0.005]},
+        {"times": [50.0, 100.0, 250.0], "values": [0.0, 0.02, 0.005]},
+    ],
+    ids=["sine", "table", "table that begins later"],
+)
+def test_advice_on_loads_that_turn_agrees_with_the_models(load: dict[str, Any]) -> None:
+    case = small_compression(phase__loading__piston__pressure=load, phase__loading__duration=400.0)
+    case = case.with_changes(ACCURATE)
+    advice = advise(case)
+    comparison = compare(case, ("biphasic-swelling", "electrochemical"))
+    for phase, simulated in zip(advice.phases, comparison.differences, strict=True):
+        assert 1.0 - phase.r_squared == pytest.approx(1.0 - simulated.r_squared, rel=0.3)
+    assert "a load that turns on its way" in advice.beyond
+
+
+def test_strains_of_a_piston_are_shares_of_the_swollen_height() -> None:
+    case = small_compression(phase__loading__piston__displacement={"ramp_to": "-5 %", "over": 100.0})
+    phase = advise(case).phases[0]
+    prediction = predict_cases([case])
+    assert phase.quantity == "pressure"
+    assert prediction.equilibrium_strain[0, 0] == pytest.approx(-0.05, rel=1e-9)
+
+
+def test_loads_of_cases_that_differ_in_more_than_numbers() -> None:
+    slow, fast = (
+        small_compression(phase__loading__piston__pressure={"mean": 0.01, "amplitude": 0.01, "period": period})
+        for period in (100.0, 50.0)
+    )
+    with pytest.raises(ValueError, match="different periods"):
+        conditions_of([slow, fast])
+    with pytest.raises(ValueError, match="together with other loads"):
+        conditions_of([slow, small_compression()])
+
+
 def test_what_a_held_piston_is_advised() -> None:
     """The stress jumps too soon where ions are in equilibrium with the bath, and that is the reason given."""
     case = small_compression(**HELD, phase__loading__bath_concentration=1e-4)
