@@ -26,8 +26,15 @@ def initial_loads(case: CaseTable) -> dict[str, float]:
 
 
 def moved_part(case: CaseTable, acting: Mapping[str, AnyLoad]) -> str | None:
-    """The first part that a displacement moves along its normal; None where there is none."""
-    return next((part.name for part in case.parts if f"{part.name}.displacement" in acting), None)
+    """The first part whose displacement is given, or a fixed piston: a pressure is measured there; else None."""
+    return next(
+        (
+            part.name
+            for part in case.parts
+            if f"{part.name}.displacement" in acting or (part.name, part.mechanical) == ("piston", "fixed")
+        ),
+        None,
+    )
 
 
 def acting_loads(case: CaseTable, held: Mapping[str, float] | None = None) -> list[Loads]:

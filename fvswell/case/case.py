@@ -61,7 +61,7 @@ class Case(CaseTable):
         return cls._from_content(toml_content(text, source), source, folder or Path(source).parent)
 
     @classmethod
-    def _from_content(cls, content: Mapping[str, Any], source: str, folder: Path) -> Case:
+    def _from_content(cls, content: Mapping[str, Any], source: str, folder: Path = Path()) -> Case:
         with files_beside(folder):
             case = read_repeated(cls, content, source, check_case)
         case._source, case._folder = source, folder

@@ -131,15 +131,21 @@ def check(
 @reported_errors
 def new(
     name: Annotated[Path, typer.Argument(metavar="NAME", help="Name of the case; NAME.toml is written.")],
+    tissue: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Properties of a tissue from the literature, such as annulus-fibrosus."),
+    ] = None,
     force: Force = False,
 ) -> None:
     """Write a commented case to begin with."""
     from fvswell.case.case import starter_text
+    from fvswell.case.starter import starter_of_tissue
 
+    text = starter_text() if tissue is None else starter_of_tissue(tissue)
     path = name if name.suffix == ".toml" else name.with_name(f"{name.name}.toml")
     try:
         with path.open("w" if force else "x", encoding="utf-8") as file:
-            file.write(starter_text())
+            file.write(text)
     except FileExistsError:
         raise OutputError(f"{path}: exists already; use --force to replace it") from None
     except OSError as error:

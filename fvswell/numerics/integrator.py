@@ -1,7 +1,7 @@
 """The time integrator: one for columns, which run it compiled, and blocks, which run it in Python.
 
     until the protocol is over:
-        enter the next segment: where a load jumps or turns, start anew with a small step
+        enter the next segment: where a load jumps, start anew with a small step
         step = min(step size, end of the segment - time)
         solve the stages of the scheme
         a step that fails, or misses the tolerance: a smaller one, again

@@ -36,7 +36,7 @@ class Control(NamedTuple):
     tolerance: float  # of the global strain, relative to its largest value; without error control, of Newton
     expected_strain: float  # that the tolerance is relative to as long as no larger one has been seen
     max_step: float  # s
-    first_step: float  # s, where loads jump or turn
+    first_step: float  # s, where loads jump
     fixed_steps: int  # equal steps in a phase; 0: chosen by the error
     every: int  # record each of so many steps; 0: at the output times of the protocol
 

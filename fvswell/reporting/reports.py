@@ -17,7 +17,7 @@ from fvswell.case.profiles import DepthProfile, PlaneProfile
 from fvswell.case.reading import value_type
 from fvswell.case.values import Rate, RelaxationTimes
 from fvswell.reporting.console import TextTable, percent
-from fvswell.results.fields import FIELDS
+from fvswell.results.fields import is_field
 from fvswell.results.layout import COMPLETE, SAME_TIME
 from fvswell.results.moved_grid import AXES, first_fold
 from fvswell.units import DIMENSIONS
@@ -225,7 +225,7 @@ def content_table(result: xr.Dataset) -> TextTable:
     rows = [
         [str(name), _dimensions(variable), variable.attrs["units"], variable.attrs["long_name"]]
         for name, variable in result.variables.items()
-        if name in FIELDS
+        if is_field(str(name))
     ]
     return TextTable("Fields", ["name", "dimensions", "units", "meaning"], rows)
 

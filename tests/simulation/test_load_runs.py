@@ -15,8 +15,10 @@ from sample_cases import small_block, small_compression
 import fvswell
 from fvswell import CaseError
 from fvswell.case.case import Case
+from fvswell.cli.arguments import read_case as read_case_argument
 from fvswell.physics.tissue import Array
 from fvswell.results.file import read_case
+from fvswell.simulation.run import run
 
 
 def fitted(times: Array, values: Array, period: float) -> complex:
@@ -113,13 +115,13 @@ def test_a_load_from_a_file_is_that_of_its_points(protocol_case: Path) -> None:
     assert case.with_changes({"tissue.hindrance_factor": 0.0}).load_files == case.load_files
 
 
-def test_a_result_is_run_again_without_its_load_file_and_says_if_that_has_changed(protocol_case: Path) -> None:
+def test_a_result_is_run_again_without_its_load_file_and_says_if_that_has_changed(
+    protocol_case: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     case = fvswell.load_case(protocol_case)
     assert case.changed_load_files() == []
     path = protocol_case.with_name("output") / "result.nc"
     path.parent.mkdir()
-    from fvswell.simulation.run import run
-
     first = run(case, path=path)
     again = read_case(path)
     assert again == case
@@ -127,6 +129,9 @@ def test_a_result_is_run_again_without_its_load_file_and_says_if_that_has_change
     file = protocol_case.with_name("protocol.csv")
     file.write_text(file.read_text().replace("100", "120"))
     (remark,) = again.changed_load_files()
+    capsys.readouterr()
+    assert read_case_argument(path, None) == case
+    assert remark in capsys.readouterr().err
     assert "phase[loading].piston.pressure: protocol.csv has changed" in remark
     second = path.with_name("second.nc")
     run(again, path=second)
