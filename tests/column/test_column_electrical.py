@@ -268,12 +268,18 @@ def mirrored(parts: Parts, given: dict[str, Any]) -> tuple[Parts, dict[str, Any]
     return other, turned
 
 
-@pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize("name", [name for name, (_, given) in EVERY.items() if "height" not in given])
+MIRRORED = [
+    (name, model)
+    for name, (_, given) in EVERY.items()
+    for model in MODELS
+    # the ions of biphasic swelling are in equilibrium with the bath of the first open part, which is another one then
+    if "height" not in given and not (model == "biphasic-swelling" and "piston_bath_concentration" in given)
+]
+
+
+@pytest.mark.parametrize(("name", "model"), MIRRORED)
 def test_either_end_may_be_either(name: str, model: str) -> None:
     """Ends exchanged, everything is mirrored to rounding: equal steps, uniform cells."""
-    if model == "biphasic-swelling" and "piston_bath_concentration" in EVERY[name][1]:
-        pytest.skip("ions are in equilibrium with the bath of the first open part, which would be another")
     states = []
     given = EVERY[name][1]
     found = {"filter_current": None, "piston_current": None} if "piston_potential" in given else {}
