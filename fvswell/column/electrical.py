@@ -81,7 +81,8 @@ def potentials_of_parts(parts: Parts, difference: Array, loads: tuple[Array, Arr
     loads
         Potentials that are given for the two.
     """
-    given = [part.electrical in _POTENTIAL_IS_GIVEN for part in parts]
-    reference = given.index(True) if any(given) else [*(part.open for part in parts), True].index(True) % 2
+    given = [index for index, part in enumerate(parts) if part.electrical in _POTENTIAL_IS_GIVEN]
+    opened = [index for index, part in enumerate(parts) if part.open]
+    reference = [*given, *opened, 0][0]
     level = loads[reference] if parts[reference].electrical == "potential" else np.zeros_like(difference)
     return (level, level + difference) if reference == 0 else (level - difference, level)
