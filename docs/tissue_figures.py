@@ -91,7 +91,7 @@ def fibres() -> Figure:
     axes.text(0.055, 7.4, "measured cartilage", fontsize=8, color="0.4")
     axes.set(xscale="log", xlabel="time (s)", ylabel="force over that in equilibrium")
     axes.set(xlim=(0.04, 8000.0), ylim=(0.0, 9.0))
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 0.3))
+    axes.legend(loc="upper right", bbox_to_anchor=(1.0, 0.99))
     return figure
 
 
