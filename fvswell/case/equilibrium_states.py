@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from fvswell.case.acting_loads import acting_loads, reference_bath
-from fvswell.case.column_checks import piston_pressure, pressed_by
+from fvswell.case.column_checks import longest, piston_pressure, pressed_by
 from fvswell.case.errors import Location
+from fvswell.case.loads import final_value, shape_of
 from fvswell.case.schema import CaseTable
-from fvswell.case.values import final_value
 
 __all__ = ["EquilibriumState", "equilibrium_states"]
 
@@ -34,7 +34,8 @@ def equilibrium_states(case: CaseTable) -> Iterator[EquilibriumState]:
         if phase.bath_concentration is not None:
             location = ("phase", index, "bath_concentration")
         pressure = piston_pressure(case, acting)
-        if pressure is not None and final_value(pressure) != 0.0:
+        pressed = 0.0 if pressure is None else final_value(pressure, longest(phase))
+        if pressed != 0.0:
             location = pressed_by(case, index)
-        bath = final_value(acting[f"{reference.name}.bath_concentration"])
-        yield EquilibriumState(phase.name, location, 0.0 if pressure is None else final_value(pressure), bath)
+        bath = final_value(shape_of(acting[f"{reference.name}.bath_concentration"]), longest(phase))
+        yield EquilibriumState(phase.name, location, pressed, bath)

@@ -11,13 +11,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fvswell.case.case import Case
+from fvswell.case.column_checks import longest
 from fvswell.case.equilibrium_states import EquilibriumState, equilibrium_states
 from fvswell.case.errors import Finding, Location, Problem
 from fvswell.case.geometry import BlockGeometry
+from fvswell.case.loads import extremes, final_value, in_length
 from fvswell.case.profiles import DepthProfile, PlaneProfile
 from fvswell.case.reading import problems_of, value_type
 from fvswell.case.reference_state import stress_free
-from fvswell.case.values import final_value
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.models import MODELS
 from fvswell.physics.osmotic import osmotic_pressure_difference
@@ -103,10 +104,11 @@ def _unusual_values(case: Case) -> Iterator[Finding]:
         baths: dict[Location, Any] = {("bath_concentration",): each.bath_concentration}
         baths |= {(name, "bath_concentration"): loads.bath_concentration for name, loads in each.part_loads()}
         for place, load in baths.items():
-            if load is not None and not usual.holds(final_value(load)):
+            value = np.nan if load is None else final_value(load, longest(each))
+            if load is not None and not usual.holds(value):
                 yield Finding(
                     ("phase", phase, *place),
-                    f"is {final_value(load):.4g} mmol/mm^3, and usual are {usual.low:g} to {usual.high:g} mmol/mm^3: "
+                    f"is {value:.4g} mmol/mm^3, and usual are {usual.low:g} to {usual.high:g} mmol/mm^3: "
                     f"{usual.source}; is the unit as meant?",
                 )
 
@@ -162,7 +164,8 @@ def _unusual_displacements(case: Case) -> Iterator[Finding]:
             if kind != "displacement":
                 continue
             axis = 0 if edges.get(part) in ("left", "right") else -1
-            strain = final_value(load) / extent[axis]
+            moved = extremes(in_length(load, extent[axis]), longest(phase), 0.0)
+            strain = max(moved, key=abs) / extent[axis]
             if not usual.holds(strain):
                 yield Finding(
                     ("phase", index),

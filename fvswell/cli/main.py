@@ -169,7 +169,7 @@ def compare(
 
     Prints tables and writes the results, a figure and a table to DIR.
     """
-    from fvswell.analysis.comparison import compare_results, phase_lengths, with_models
+    from fvswell.analysis.comparison import common_durations, compare_results, phase_lengths, with_models
     from fvswell.reporting.block_plots import all_blocks, block_comparison_figure
     from fvswell.reporting.comparison_report import comparison_remarks, comparison_tables
     from fvswell.reporting.plots import comparison_figure, save_figure
@@ -185,7 +185,7 @@ def compare(
     refuse_existing([*paths.values(), table, *figures], force)
     console = Console(quiet)
     console.lines(*case_lines(case, ", ".join(cases)))
-    durations: list[float] | None = None
+    durations = common_durations(cases)
     results = {}
     for name, each in cases.items():
         result = results[name] = _simulate(each, paths[name], force, console, durations).dataset()

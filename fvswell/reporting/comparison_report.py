@@ -10,7 +10,7 @@ from fvswell.case.reading import value_type
 from fvswell.prediction.determination import NO_VARIATION
 from fvswell.reporting.console import TextTable, percent
 from fvswell.reporting.reports import quantity_text, words
-from fvswell.results.fields import FIELDS
+from fvswell.results.fields import field
 
 __all__ = ["comparison_remarks", "comparison_tables", "fit_report"]
 
@@ -84,5 +84,5 @@ def fit_report(fit: Fit) -> tuple[list[str], TextTable]:
 
 
 def _amount(value: float, quantity: str) -> str:
-    units = FIELDS[quantity].units
+    units = field(quantity).units
     return percent(value) if units == "1" else f"{value:+.4g} {'MPa' if units == 'N mm-2' else units}"
