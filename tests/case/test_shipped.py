@@ -30,7 +30,7 @@ def test_cases_are_valid_and_explained(name: str) -> None:
 
 def test_underscores_will_do_and_misspelt_names_are_helped() -> None:
     assert shipped_text("stress_relaxation") == shipped_text("stress-relaxation")
-    with pytest.raises(CaseError, match="did you mean indentation?"):
+    with pytest.raises(CaseError, match="did you mean indentation"):
         shipped_text("indention")
 
 
