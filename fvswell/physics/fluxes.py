@@ -97,13 +97,12 @@ def potential_gradient_of_current(
     current
         j+ - j- (the current density over Faraday's constant), mmol/(mm2 s).
     """
-    at_zero = mixture_fluxes(
-        tissue, J, cation, anion, water_potential_gradient, log_activity_gradient, 0.0 * log_activity_gradient
-    )
-    dragged = convection_factor(tissue) * (cation - anion)
-    conductance = fluid_fraction(tissue, J) * (tissue.cation_diffusivity * cation + tissue.anion_diffusivity * anion)
-    streaming = hydraulic_permeability(tissue, J) * tissue.thermal_energy * (dragged * dragged)
-    return (at_zero.cation - at_zero.anion - current) / (conductance + streaming)
+    w, n_f, k = convection_factor(tissue), fluid_fraction(tissue, J), hydraulic_permeability(tissue, J)
+    dragged, energy = w * (cation - anion), w * tissue.thermal_energy
+    by_cation, by_anion = tissue.cation_diffusivity * (n_f * cation), tissue.anion_diffusivity * (n_f * anion)
+    drive = water_potential_gradient + energy * ((cation + anion) * log_activity_gradient)
+    at_zero = -k * drive * dragged - (by_cation - by_anion) * log_activity_gradient  # current without the potential
+    return (at_zero - current) / (by_cation + by_anion + k * tissue.thermal_energy * (dragged * dragged))
 
 
 @point
