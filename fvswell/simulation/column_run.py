@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
@@ -110,8 +111,9 @@ class ColumnRun:
         for loads in self._loads:
             pressure, bath = loads[0], loads[2]
             states.append((0.0 if pressure is None else pressure.target, bath.target if bath else np.nan))
-        pressures, baths = np.array(states).T[:, :, None]
-        J = equilibrium_volume_ratio(self.column.cells, pressures, baths)
+        distinct = list(dict.fromkeys(states))  # often the last phase leads back to the beginning
+        pressures, baths = np.array(distinct).T[:, :, None]
+        J = equilibrium_volume_ratio(self.column.cells, pressures, baths)[[distinct.index(each) for each in states]]
         return np.broadcast_to(J, (len(states), len(self.grid.widths)))
 
     @cached_property
@@ -150,8 +152,8 @@ class ColumnRun:
         A bath moves a sample inside whose piston is held.
         """
         free = self._volume_ratios[1:] @ self.grid.widths / self.initial_height - 1.0
-        strains = np.abs(np.concatenate([free, self.equilibrium_strains()]))
-        return max(float(np.nan_to_num(strains).max()), SMALLEST_STRAIN)
+        strains = map(abs, [*free.tolist(), *self.equilibrium_strains().tolist()])
+        return max(SMALLEST_STRAIN, *(strain for strain in strains if not math.isnan(strain)))
 
     def protocol(
         self, durations: Sequence[float], multiples: Sequence[float] | None = None, times: Sequence[float] | None = None
