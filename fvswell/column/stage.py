@@ -191,9 +191,7 @@ def _solve_stage(
         if not norm <= before and not size < _NEAR and halvings < _MAX_HALVINGS:
             halvings += 1  # worse than before: half the step
             fraction *= 0.5
-            for b in range(balances):
-                for i in range(n):
-                    contents[b, i] = body.start[b, i] + fraction * body.step[b, i]
+            _go(body, contents, fraction)
             pressure = body.start[balances - 1, n] + fraction * pressure_step
             continue
         if not np.isfinite(norm):
@@ -203,14 +201,7 @@ def _solve_stage(
         find_step(body, contents, base, duration, loads)
         pressure_step = 0.0
         if held:
-            gap, response = loads[HEIGHT], 0.0
-            for i in range(n):
-                gap -= body.widths[i] * (contents[0, i] + body.step[0, i])
-                response += body.widths[i] * body.response[0, i]
-            pressure_step = gap / response
-            for b in range(balances):
-                for i in range(n):
-                    body.step[b, i] += pressure_step * body.response[b, i]
+            pressure_step, gap = _hold(body, contents, loads[HEIGHT])
             before = np.inf if abs(gap) > _UNBALANCED * loads[HEIGHT] else before
         fraction = _admissible_part(body, contents)
         last, size = size, _size(body)
@@ -218,24 +209,16 @@ def _solve_stage(
         for b in range(balances):
             for i in range(n):
                 body.start[b, i] = contents[b, i]
-                contents[b, i] += fraction * body.step[b, i]
+        _go(body, contents, fraction)
         pressure += fraction * pressure_step
         report[UPDATE] = size
         if not np.isfinite(size):
             break
-        if fraction == 1.0:
-            seen = last < np.inf and size > _SMALLEST_KNOWN
-            if seen:
-                clock[NEWTON] = size / last**2
-            done = size <= max(tolerance, _ROUNDING)
-            if not done and clock[NEWTON] * size * size <= tolerance:
-                done = True
-                if not seen:
-                    clock[NEWTON] *= _FORGETTING
-            if done:
-                break
-        else:
+        if fraction < 1.0:
             size = np.inf
+        elif _has_converged(size, last, tolerance, clock):
+            done = True
+            break
     driest = _driest(body, contents if done else body.start)
     if driest >= 0:  # what the balances say of so little water is rounding
         report[REASON], report[POINT], report[BALANCE] = NO_WATER, driest, 0
@@ -248,6 +231,49 @@ def _solve_stage(
                 unknowns[b * n + i] = contents[b, i]
         unknowns[balances * n] = pressure
     return done
+
+
+@point
+def _hold(body: Any, contents: Any, height: Any) -> Any:
+    """Add to the step what the pressure has to do for the height; gives its change, and what the height lacked."""
+    balances, n = contents.shape
+    gap, response = height, 0.0
+    for i in range(n):
+        gap -= body.widths[i] * (contents[0, i] + body.step[0, i])
+        response += body.widths[i] * body.response[0, i]
+    pressure_step = gap / response
+    for b in range(balances):
+        for i in range(n):
+            body.step[b, i] += pressure_step * body.response[b, i]
+    return pressure_step, gap
+
+
+@point
+def _go(body: Any, contents: Any, fraction: Any) -> Any:
+    """Go a fraction of the step from the start."""
+    balances, n = contents.shape
+    for b in range(balances):
+        for i in range(n):
+            contents[b, i] = body.start[b, i] + fraction * body.step[b, i]
+
+
+@point
+def _has_converged(size: Any, last: Any, tolerance: Any, clock: Any) -> Any:
+    """Whether the error that a whole step leaves is within the tolerance; ``last`` is the size of the step before.
+
+    Newton's method is quadratic: the error is ``clock[NEWTON]`` times the square of the size. How fast it is has been
+    seen in this stage, or is remembered from an earlier one, and is trusted less each time.
+    """
+    seen = last < np.inf and size > _SMALLEST_KNOWN
+    if seen:
+        clock[NEWTON] = size / last**2
+    if size <= max(tolerance, _ROUNDING):
+        return True
+    if not clock[NEWTON] * size * size <= tolerance:
+        return False
+    if not seen:
+        clock[NEWTON] *= _FORGETTING
+    return True
 
 
 @point
