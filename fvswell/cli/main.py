@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 import time
 from pathlib import Path
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 
 __all__ = ["app", "main"]
 
+_GARBAGE_THRESHOLD = 100_000  # imports make as many objects, which all stay: to look for garbage among them takes 0.1 s
+
 app = typer.Typer(
     help="Swelling and compression of soft, charged, hydrated tissues by three models: biphasic, "
     "biphasic-swelling and electrochemical.",
@@ -45,6 +48,7 @@ app = typer.Typer(
 
 def main() -> None:
     """Run the command line."""
+    gc.set_threshold(_GARBAGE_THRESHOLD)
     for stream in (sys.stdout, sys.stderr):
         stream.reconfigure(errors="replace")  # type: ignore[union-attr]  # titles in any script, on any terminal
     app(prog_name="fvswell")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from functools import lru_cache
 
 import numpy as np
 
@@ -13,8 +14,15 @@ __all__ = ["graded_nodes", "graded_widths"]
 
 def graded_widths(length: float, cells: int, grading: float) -> Array:
     """Widths in geometric progression from the finest at 0; ``grading`` is the largest over the smallest."""
+    widths, total = _progression(cells, grading)
+    return length * widths / total
+
+
+@lru_cache(maxsize=64)
+def _progression(cells: int, grading: float) -> tuple[Array, float]:
+    """Widths relative to the finest, and their sum; kept, as many grids in a row are often of one shape."""
     widths = np.geomspace(1.0, grading, cells)
-    return length * widths / widths.sum()
+    return widths, widths.sum()
 
 
 def graded_nodes(length: float, cells: int, grading: float = 1.0, finest: Collection[str] = ()) -> Array:
