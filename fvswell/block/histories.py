@@ -84,7 +84,7 @@ def _electrical(block: Block, state: BlockState, loads: PartLoads) -> dict[str, 
 
     Currents that are prescribed, be it as none, are those that the balances hold to rounding.
     """
-    row = {}
+    row: dict[str, float] = {}
     outer = block.outer(state.unknowns)
     millivolts = first_point(block.cells.thermal_energy) / FARADAY
     for index, faces in zip(block.crossed_parts, block.crossed_faces, strict=True):

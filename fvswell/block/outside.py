@@ -139,8 +139,7 @@ class _Builder:
             self._form(CHARGE, faces, own)
             self._equation(own, CHARGE, faces)
             return
-        potential = self._part_potential(index, faces)
-        self._form(CHARGE, faces, potential)
+        self._form(CHARGE, faces, self._part_potential(index, faces))
         if part.open:
             self._uniform[CHARGE, faces] = True
         else:
@@ -155,14 +154,19 @@ class _Builder:
             to_vertices = _vertex_weights(self._grid, self._diamonds, self._uniform[potential])
             of_faces = across[potential * faces : (potential + 1) * faces]
             along.append(self._diamonds.along_outside @ (to_vertices @ of_faces))
-        columns = zip(*self._unknowns, strict=True) if self._unknowns else [()] * len(_Unknown._fields)
-        kinds = (int, int, float, int, bool)
-        table = (np.array(column, dtype=kind) for column, kind in zip(columns, kinds, strict=True))
+        unknowns = self._unknowns
         return Outside(
-            across, sparse.vstack(along, format="csr"),
-            _matrix(self._equations, (len(self._unknowns), self._balances * faces)), *table,
-            places=np.concatenate([np.zeros((2, 0)), *self._places], axis=1), reference=self._reference,
-        )  # fmt: skip
+            across=across,
+            along=sparse.vstack(along, format="csr"),
+            closing=_matrix(self._equations, (len(unknowns), self._balances * faces)),
+            potential=np.array([unknown.potential for unknown in unknowns], dtype=int),
+            cell=np.array([unknown.cell for unknown in unknowns], dtype=int),
+            volume=np.array([unknown.volume for unknown in unknowns], dtype=float),
+            part=np.array([unknown.part for unknown in unknowns], dtype=int),
+            shared=np.array([unknown.shared for unknown in unknowns], dtype=bool),
+            places=np.concatenate([np.zeros((2, 0)), *self._places], axis=1),
+            reference=self._reference,
+        )
 
     def _electrode(self, part: Part, index: int, faces: Array) -> None:
         """Faces of an electrode in the wall, whose own potential has been added to psi~."""

@@ -24,14 +24,10 @@ _LOADED = {"pressure": ("free", "tied"), "force": ("tied",), "displacement": ("t
 
 def edge_conditions(case: CaseTable) -> Iterator[Finding]:
     """What is wrong with the edges, the probe, the cells, the durations, and the kinds of loads on the edges."""
-    from fvswell.block.edges import EdgeCondition, check_edges  # takes scipy along, which columns need not wait for
+    from fvswell.block.part_checks import check_parts  # takes scipy along, which columns need not wait for
 
     geometry = _geometry(case)
-    conditions = {}
-    for name in EDGES:
-        edge = getattr(geometry.edges, name)
-        conditions[name] = EdgeCondition(edge.displacement, edge.permeable)
-    for problem in check_edges(geometry.kind == "axisymmetric", conditions):
+    for problem in check_parts(geometry.kind == "axisymmetric", geometry.extent, geometry.parts()):
         yield Finding(("geometry", "edges"), problem)
     for edge in EDGES:
         yield from _wrong_loads(case, edge)

@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Discriminator, Field, Tag
 
+from fvswell.boundary.parts import Mechanical, Part
 from fvswell.boundary.sides import EDGES
 from fvswell.case.phases import BlockPhase, ColumnPhase, Phase
 from fvswell.case.profiles import Coordinates, DepthProfile, PlaneProfile, Profile
@@ -155,6 +156,18 @@ class BlockGeometry(Geometry):
             )
         )
         return np.stack(np.meshgrid(x, y)).reshape(2, -1)
+
+    def parts(self) -> tuple[Part, ...]:
+        """The edges as parts of the boundary."""
+        mechanical: dict[str, Mechanical] = {"fixed": "fixed", "roller": "roller", "free": "free", "tied": "straight"}
+        edges = [(name, getattr(self.edges, name)) for name in EDGES]
+        return tuple(
+            Part(
+                name, mechanical[edge.displacement], edge.permeable, "grounded" if edge.permeable else "insulating",
+                edge=name,
+            )
+            for name, edge in edges
+        )  # fmt: skip
 
     def grid_nodes(self) -> tuple[Array, Array]:
         """Coordinates of the grid's nodes along x and along y, mm."""

@@ -9,14 +9,15 @@ import numpy as np
 
 from fvswell.block.block import Block
 from fvswell.block.body import BlockBody
-from fvswell.block.edges import EdgeCondition
 from fvswell.block.equilibrium import NoEquilibrium, equilibrated_body, initial_open_circuit_ratio, start_of
 from fvswell.block.fields import block_fields
 from fvswell.block.grid import BlockGrid, block_grid
+from fvswell.block.histories import part_histories
 from fvswell.block.make_block import make_block
 from fvswell.block.march import march_block
 from fvswell.block.mechanics import integration_points
-from fvswell.boundary.sides import EDGE_AXIS, EDGES
+from fvswell.block.reactions import part_areas
+from fvswell.boundary.sides import EDGE_AXIS
 from fvswell.case.case import Case
 from fvswell.case.output_times import output_times
 from fvswell.case.values import Ramp, final_value
@@ -84,9 +85,7 @@ class BlockRun:
     @property
     def initial_volume_ratio(self) -> Array:
         """J of the cells in equilibrium before the first phase, (cells,)."""
-        ratio: Array = self.block.transport(
-            self._initial, self.block.potentials(self.state.unknowns), self.block.concentration
-        ).volume_ratio
+        ratio: Array = self.block.transport_at(self.state.unknowns, self.block.unloaded).volume_ratio
         return ratio
 
     @property
@@ -97,8 +96,9 @@ class BlockRun:
     @property
     def drainage_length(self) -> float:
         """Distance in the equilibrated block from the bath to the vertex that is farthest from it, mm."""
-        open_edges = [name for name in EDGES if self.block.edges[name].permeable]
-        bath = self._initial[:, np.concatenate([self.grid.edge_vertices(name) for name in open_edges])]
+        block = self.block
+        faces = [faces for part, faces in zip(block.parts, block.part_faces, strict=True) if part.open]
+        bath = self._initial[:, self.grid.face_vertices[:, np.concatenate(faces)].ravel()]
         return float(np.hypot(*(self._initial[:, :, None] - bath[:, None, :])).min(axis=1).max())
 
     def equilibrium_strains(self) -> Array:
@@ -108,8 +108,8 @@ class BlockRun:
     def loads(self) -> list[list[Load | None]]:
         """Each load of the block in each phase; what a phase does not name goes on as it is."""
         if self.held is None:
-            held = {name: Load(0.0) for name in self.body.load_names if name.endswith(".pressure")}
-            held["bath"] = Load(self.case.bath.concentration)
+            held = {name: Load(0.0) for name in self.body.load_names if name.endswith("pressure")}
+            held |= self._in_baths(Load(self.case.bath.concentration))
         else:
             before = zip(self.body.load_names, self.held, strict=True)
             held = {name: Load(float(value)) for name, value in before if not np.isnan(value)}
@@ -117,12 +117,20 @@ class BlockRun:
         for phase in self.case.phase:
             held = {name: Load(load.target) for name, load in held.items()}
             for name, value in phase.loads().items():
+                if name == "bath":
+                    held |= self._in_baths(Load(final_value(value), value.over if isinstance(value, Ramp) else 0.0))
+                    continue
                 part = name.split(".")[0]
-                held = {other: load for other, load in held.items() if other.split(".")[0] != part}
+                replaced = [f"{part}.{kind}" for kind in ("pressure", "force", "displacement")]
+                held = {other: load for other, load in held.items() if other not in replaced}
                 rest = self._rest[name] if name.endswith(".displacement") else 0.0
                 held[name] = Load(rest + final_value(value), value.over if isinstance(value, Ramp) else 0.0)
             phases.append([held.get(name) for name in self.body.load_names])
         return phases
+
+    def _in_baths(self, concentration: Load) -> dict[str, Load]:
+        """The same concentration in the baths of all parts that are open."""
+        return {f"{part.name}.bath_concentration": concentration for part in self.block.parts if part.open}
 
     def protocol(self, durations: Sequence[float], times: Sequence[float] | None = None) -> Protocol:
         """Protocol with phases of given durations; ``times`` are outputs to record instead of the case's own."""
@@ -149,14 +157,16 @@ class BlockRun:
         It only scales the tolerance: the strain of a block in equilibrium takes a run to find.
         """
         tissue, strains = self.block.cells, []
-        areas = self.block.edge_areas(self._initial)
+        areas = part_areas(self.block, self._initial)
+        bath = f"{self.block.parts[self.block.outside.reference].name}.bath_concentration"
         start = equilibrium_volume_ratio(tissue, 0.0, self.case.bath.concentration).mean()
         for loads in self.loads():
             value = {n: load.target for n, load in zip(self.body.load_names, loads, strict=True) if load is not None}
-            pressures = [value.get(f"{edge}.pressure", 0.0) for edge in EDGES]
-            forces = ((f"{edge}.force", area) for edge, area in zip(EDGES, areas, strict=True))
+            names = [part.name for part in self.block.parts]
+            pressures = [value.get(f"{name}.pressure", 0.0) for name in names]
+            forces = ((f"{name}.force", area) for name, area in zip(names, areas, strict=True))
             pressures += [value[name] / area for name, area in forces if name in value]
-            end = equilibrium_volume_ratio(tissue, max(pressures, key=abs), value["bath"]).mean()
+            end = equilibrium_volume_ratio(tissue, max(pressures, key=abs), value[bath]).mean()
             strains.append(abs(end / start - 1.0))
             for edge, axis in EDGE_AXIS.items():
                 if (name := f"{edge}.displacement") in value:
@@ -181,7 +191,12 @@ class BlockRun:
             "probe_displacement_x": moved[:, 0],
             "probe_displacement_y": moved[:, 1],
             **block_fields(self.body, record),
+            **{name: values for name, values in self._histories(record).items() if name in FIELDS},
         }
+
+    def _histories(self, record: Record) -> dict[str, Array]:
+        """What is measured at the edges, displacements from the stress-free solid."""
+        return part_histories(self.body, record, self.grid.vertices)
 
     def place(self, balance: str, point: int) -> str:
         """Where a point of a balance lies: a vertex for momentum, else a cell."""
@@ -242,11 +257,9 @@ class BlockRun:
 def _equilibrated(case: Case, model: Model, grid: BlockGrid) -> tuple[BlockBody, State]:
     """The block in equilibrium with its bath, its permeability as the case has it."""
     geometry: Any = case.geometry
-    edges = {name: getattr(geometry.edges, name) for name in EDGES}
-    conditions = {name: EdgeCondition(edge.displacement, edge.permeable) for name, edge in edges.items()}
     points = (grid.centres, grid.face_centres, integration_points(grid))
     cells, faces, solid = (model.tissue(case.tissue_at(at)) for at in points)
-    block = make_block(grid, conditions, model, cells, faces, solid, case.bath.concentration)
+    block = make_block(grid, geometry.parts(), model, cells, faces, solid, case.bath.concentration)
     body, state = equilibrated_body(block)
     if not model.open_circuit or case.open_circuit_permeability == "state":
         return body, state

@@ -24,10 +24,10 @@ def problems(**changes: Any) -> str:
 @pytest.mark.parametrize(
     ("changes", "reported"),
     [
-        ({"geometry__edges__right__permeable": False}, "no edge is permeable: at least one has to be open to the bath"),
+        ({"geometry__edges__right__permeable": False}, "no part is open to a bath: at least one has to be"),
         (
             {"geometry__edges__left__displacement": "fixed"},
-            "the top edge is tied to move as one, but ends at the left edge, which is fixed",
+            "the part top is straight, but ends at the part left, which is fixed",
         ),
         (
             {"geometry__edges__bottom__displacement": "free", "geometry__edges__left__displacement": "free"},
