@@ -50,7 +50,9 @@ class DegreesOfFreedom:
                 if index < 0 and value != 0.0:
                     raise ValueError(f"the {kind} of {self.names[part]} is held at 0 and cannot be given")
                 if targets.get(index, value) != value and index >= 0:
-                    raise ValueError(f"the {kind} of {self.names[part]} is that of another part, which is given as well")
+                    raise ValueError(
+                        f"the {kind} of {self.names[part]} is that of another part, which is given as well"
+                    )
                 if index >= 0:
                     targets[index] = value
         return targets

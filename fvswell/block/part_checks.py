@@ -86,7 +86,11 @@ def _coverage(edge: str, length: float, parts: list[Part]) -> Iterator[str]:
 
 def _axis(rings: bool, parts: Sequence[Part]) -> Iterator[str]:
     for part in parts:
-        if rings and part.edge == "left" and (part.mechanical != "roller" or part.open or part.electrical in CONDUCTING):
+        if (
+            rings
+            and part.edge == "left"
+            and (part.mechanical != "roller" or part.open or part.electrical in CONDUCTING)
+        ):
             yield f"the part {part.name} lies on the axis of the disc: it has to be a roller, closed and insulating"
 
 
@@ -121,9 +125,7 @@ def _meet(lengths: dict[str, float], part: Part, other: Part) -> bool:
 def _rigid_motions(rings: bool, parts: Sequence[Part]) -> list[str]:
     """Rigid motions that the conditions leave open, each alone."""
     fixed = any(part.mechanical == "fixed" for part in parts)
-    held = [
-        fixed or any(part.mechanical in HELD and EDGE_AXIS[part.edge] == axis for part in parts) for axis in (0, 1)
-    ]
+    held = [fixed or any(part.mechanical in HELD and EDGE_AXIS[part.edge] == axis for part in parts) for axis in (0, 1)]
     turning = any(part.mechanical != "free" for part in parts)
     motions = [] if held[0] or rings else ["moving along x"]
     motions += [] if held[1] else ["moving along the axis" if rings else "moving along y"]

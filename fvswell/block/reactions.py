@@ -2,8 +2,8 @@
 
 Forces and pressures are normal to the edge on which a part lies in the stress-free body, positive in compression, and
 without the hydrostatic pressure of a bath. The force of a part that is held or driven is what holds its vertices where
-they are, less what the pressures on the parts beside it do there. A vertex between two such parts of one edge counts
-for both, in proportion to the areas of the faces beside it.
+they are, less what the pressures on the parts beside it do there. What two such parts of one edge hold at the vertex
+between them is divided as it would be under a uniform pressure.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 from fvswell.block.block import Block, BlockState
 from fvswell.block.geometry import edge_area_vectors, edge_pressure_forces
 from fvswell.block.part_loads import PartLoads
+from fvswell.boundary.parts import Part
 from fvswell.boundary.sides import EDGE_AXIS, OUTWARD
 from fvswell.physics.tissue import Array
 
@@ -36,16 +37,14 @@ def part_areas(block: Block, positions: Array) -> Array:
 def part_displacements(block: Block, displacements: Array) -> Array:
     """Mean normal displacements of the parts, ``(..., parts)`` mm, from those of the vertices ``(..., 2, vertices)``.
 
-    The mean is over the area of the stress-free solid; on an axis over its length.
+    The mean is over the area of the stress-free solid; on an axis over its vertices.
     """
     means = []
-    for part, faces in zip(block.parts, block.part_faces, strict=True):
-        ends = block.grid.face_vertices[:, faces]
-        areas = np.hypot(*edge_area_vectors(block.grid.section, *block.grid.vertices[:, ends]))
-        if not areas.any():
-            areas = np.hypot(*np.diff(block.grid.vertices[:, ends], axis=1)[:, 0])
-        moved = displacements[..., EDGE_AXIS[part.edge], :][..., ends].mean(axis=-2)
-        means.append(moved @ areas / areas.sum())
+    for index, (part, unit) in enumerate(zip(block.parts, _unit_forces(block), strict=True)):
+        weights = np.abs(unit)
+        if not weights.any():
+            weights[block.grid.face_vertices[:, block.part_faces[index]]] = 1.0
+        means.append(displacements[..., EDGE_AXIS[part.edge], :] @ weights / weights.sum())
     return np.stack(means, axis=-1)
 
 
@@ -55,14 +54,21 @@ def part_forces(block: Block, state: BlockState, loads: PartLoads) -> Array:
     own, baths = (_pressure_forces(block, state.positions, of) for of in (loads.pressure, loads.bath_pressure))
     pressed = sum((*own, *baths), np.zeros_like(held))
     forces = loads.pressure * part_areas(block, state.positions)
-    shares = _vertex_shares(block)
+    units = _unit_forces(block)
     for index, part in enumerate(block.parts):
-        if part.mechanical == "free" or (block.grid.section.rings and part.edge == "left"):
+        if not _holds(part) or not units[index].any():
             continue
-        axis = EDGE_AXIS[part.edge]
-        reaction = held[axis] - pressed[axis] + own[index][axis]
-        forces[index] = -OUTWARD[part.edge] * float(shares[index] @ reaction)
+        beside = [k for k, other in enumerate(block.parts) if other.edge == part.edge and _holds(other)]
+        axis, total = EDGE_AXIS[part.edge], sum((units[k] for k in beside), np.zeros(held.shape[1]))
+        reaction = held[axis] - pressed[axis] + sum((own[k][axis] for k in beside), np.zeros(held.shape[1]))
+        share = np.divide(units[index], total, out=np.zeros_like(total), where=total != 0.0)
+        forces[index] = -OUTWARD[part.edge] * float(share @ reaction)
     return forces
+
+
+def _holds(part: Part) -> bool:
+    """Whether vertices of a part cannot move freely along its normal."""
+    return part.mechanical != "free"
 
 
 def _vertex_forces(block: Block, state: BlockState) -> Array:
@@ -78,28 +84,13 @@ def _pressure_forces(block: Block, positions: Array, pressures: Array) -> list[A
     """Forces of the pressures on each part at the vertices, ``(2, vertices)`` each."""
     found = []
     for faces, pressure in zip(block.part_faces, pressures, strict=True):
-        ends, total = block.grid.face_vertices[:, faces], np.zeros_like(positions)
-        forces = edge_pressure_forces(block.grid.section, *positions[:, ends])
-        for k, force in enumerate(forces):
-            np.add.at(total[k // 2], ends[k % 2], pressure * force)
-        found.append(total)
+        ends, count = block.grid.face_vertices[:, faces], positions.shape[1]
+        forces = np.stack(edge_pressure_forces(block.grid.section, *positions[:, ends])).reshape(2, -1)
+        found.append(pressure * np.stack([np.bincount(ends.ravel(), force, count) for force in forces]))
     return found
 
 
-def _vertex_shares(block: Block) -> list[Array]:
-    """Share of each vertex that counts for each part, ``(vertices,)`` each."""
-    grid = block.grid
-    areas = np.hypot(*edge_area_vectors(grid.section, *grid.vertices[:, grid.face_vertices]))
-    beside = [np.zeros(grid.vertices.shape[1]) for _ in block.parts]
-    for area, part, faces in zip(beside, block.parts, block.part_faces, strict=True):
-        if part.mechanical != "free":
-            np.add.at(area, grid.face_vertices[:, faces], areas[faces])
-    none = np.zeros(grid.vertices.shape[1])
-    total = {
-        edge: sum((area for area, part in zip(beside, block.parts, strict=True) if part.edge == edge), none)
-        for edge in grid.edges
-    }
-    return [
-        np.divide(area, total[part.edge], out=np.zeros_like(area), where=total[part.edge] > 0.0)
-        for area, part in zip(beside, block.parts, strict=True)
-    ]
+def _unit_forces(block: Block) -> list[Array]:
+    """Normal forces of a unit pressure on each part of the stress-free solid at the vertices, ``(vertices,)`` each."""
+    forces = _pressure_forces(block, block.grid.vertices, np.ones(len(block.parts)))
+    return [force[EDGE_AXIS[part.edge]] for force, part in zip(forces, block.parts, strict=True)]

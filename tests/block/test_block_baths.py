@@ -179,13 +179,11 @@ def test_salt_diffuses_between_two_baths_with_the_diffusivity_of_both_ions(elect
     assert (np.log2(np.array(errors[:-1]) / errors[1:]) > 1.9).all(), errors
 
 
-def test_a_short_circuit_lets_each_ion_diffuse_by_itself_and_the_current_pass() -> None:
+def test_in_a_short_circuit_each_ion_diffuses_by_itself() -> None:
+    """The concentration stays linear, and the current is such that there is no field anywhere."""
     (_, anions, charge), _ = uncharged_between_baths(40, "grounded")
     expected = 0.8 * np.array([5e-4, 8e-4]) * 2.0 * BATH / 0.5
-    assert charge + anions < anions  # cations are slower
-    assert anions > 0.0
-    # the field inside is not zero, so that neither is quite as if alone
-    assert expected[0] < charge + anions < anions < expected[1]
+    np.testing.assert_allclose([charge + anions, anions], expected, rtol=1e-3)
 
 
 def test_reduced_swelling_takes_the_bath_of_the_first_open_part() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from blocks import GLUED, UNCONFINED, acting, jacobian_matrix, random_unknowns, rough_grid, uniform_block
-from tissues import BATH, reference_tissue
+from tissues import reference_tissue
 
 from fvswell.block.block import Block, Interval
 from fvswell.block.equilibrium import equilibrated_body

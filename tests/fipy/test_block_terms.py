@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from blocks import CLAMPED, CLAMPED_DISC, acting, distorted_vertices, no_time, random_unknowns, rough_grid, uniform_block
+from blocks import (
+    CLAMPED,
+    CLAMPED_DISC,
+    acting,
+    distorted_vertices,
+    no_time,
+    random_unknowns,
+    rough_grid,
+    uniform_block,
+)
 from fipy import CellVariable, CentralDifferenceConvectionTerm, DiffusionTerm
 from fipy_columns import dense
 from tissues import BATH
