@@ -125,7 +125,7 @@ def one_stage(block: Block, duration: float, bath: float = BATH, **loads: float)
 
 
 def steady_state(block: Block, tolerance: float = 1e-14, **loads: float) -> tuple[NewtonResult, Array]:
-    """The state that constant loads lead to, by long stages, and what enters through the parts, (parts, balances) per s.
+    """The state that constant loads lead to, and rates of entering through the parts, (parts, balances).
 
     In a block of a millimetre what is left of the beginning falls by a factor of 20 or more in each stage.
     """

@@ -3,10 +3,10 @@
 The diamond of a face joins the two cell centres and the two ends of the face; at the boundary, the middle of the face
 stands for the missing cell. Potentials at the ends are interpolated from the cells around with constant weights:
 bilinear inside, linear along a closed edge (no gradient of a potential is normal to it, as nothing flows), and the
-value outside where the boundary is crossed, see `fvswell.block.outside`. Inside, they are understood as the potentials at the points that the same weights
-give from the cell centres. These are the ends in the reference state, and near them on the moved grid, so that the
-gradient is exact for linear fields on both; along a closed edge it is in the reference state only, and of second
-order on the moved grid.
+value outside where the boundary is crossed, see `fvswell.block.outside`. Inside, they are understood as the potentials
+at the points that the same weights give from the cell centres. These are the ends in the reference state, and near them
+on the moved grid, so that the gradient is exact for linear fields on both; along a closed edge it is in the reference
+state only, and of second order on the moved grid.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
@@ -64,7 +65,7 @@ def _coverage(edge: str, length: float, parts: list[Part]) -> Iterator[str]:
     slack, reached, last = SAME_PLACE * length, 0.0, ""
     for part in sorted(parts, key=lambda part: part.start):
         end = min(part.end, length)
-        if part.start < -slack or part.end > length + slack and part.end != float("inf"):
+        if part.start < -slack or length + slack < part.end < math.inf:
             yield (
                 f"the part {part.name} goes from {part.start:g} mm to {part.end:g} mm, but the {edge} edge from 0 to "
                 f"{length:g} mm"
@@ -105,7 +106,7 @@ def _meetings(lengths: dict[str, float], parts: Sequence[Part]) -> Iterator[str]
                 for first, second in ((part, other), (other, part))
             )
             corner = other.edge in _NEIGHBOURS[part.edge] and _meet(lengths, part, other)
-            if other.mechanical == "fixed" and (along or corner) or other.mechanical == "roller" and along:
+            if (other.mechanical == "fixed" and (along or corner)) or (other.mechanical == "roller" and along):
                 kind = "straight" if part.mechanical == "straight" else "a glued plate"
                 held = "fixed" if other.mechanical == "fixed" else "a roller on the same edge"
                 yield f"the part {part.name} is {kind}, but ends at the part {other.name}, which is {held}"
@@ -142,8 +143,8 @@ def _electrodes(parts: Sequence[Part]) -> Iterator[str]:
             )
         elif not part.open and conducts and not wall:
             yield (
-                f"the part {part.name} is {_condition(part)}, but closed: to conduct it needs an electrode in the wall, "
-                "for cations or anions"
+                f"the part {part.name} is {_condition(part)}, but closed: to conduct it needs an electrode in the "
+                "wall, for cations or anions"
             )
         elif wall and not conducts:
             yield (

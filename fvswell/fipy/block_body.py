@@ -1,7 +1,8 @@
 """A block whose Newton steps are found by FiPy: transport from our Term in FiPy's matrix, and FiPy's solver.
 
 FiPy has no variables at vertices, so the momentum balance is not its business: its rows and columns, and those of the
-boundary, are put around the matrix that FiPy builds of the transport balances, and FiPy's solver takes the whole. All else is that of a `BlockBody`.
+boundary, are put around the matrix that FiPy builds of the transport balances, and FiPy's solver takes the whole. All
+else is that of a `BlockBody`.
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ def _through(length: float, cells: int, grading: float, fine: Array, prescribed:
 
     The places cut the length into pieces, each of which gets the whole number of cells nearest to its share.
     """
-    if not (0.0 < prescribed[0] and prescribed[-1] < length):
+    if not (prescribed[0] > 0.0 and prescribed[-1] < length):
         raise ValueError(f"a node cannot be prescribed at 0, at the length of {length:g} mm, or beyond")
     if cells <= len(prescribed):
         raise ValueError(f"{cells} cells are too few to have nodes on {len(prescribed)} places between the ends")
