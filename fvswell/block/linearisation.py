@@ -52,7 +52,8 @@ class Linearisation:
         potentials = np.ascontiguousarray(block.potentials(change))
         flow = np.empty_like(state.transport.fluxes)
         moved = block.degrees_of_freedom.displacements(change[: block.degrees_of_freedom.number])
-        flux_change(block.tables, self._local.transport, np.ascontiguousarray(moved), potentials, flow)
+        across, along = block.outside_change(block.outer(change))
+        flux_change(block.tables, self._local.transport, np.ascontiguousarray(moved), potentials, across, along, flow)
         flow += interval.duration * state.transport.fluxes
         outflow = (block.diamonds.outflow @ flow.T).T
         contents = interval.base - outflow / block.grid.volumes

@@ -129,9 +129,9 @@ def find_transport(
     potentials
         Of the cells, (balances, cells).
     outside_across, outside_along
-        (balances, crossed): what the bath adds to the differences of the potentials across and along the faces.
+        (balances, crossed): what `fvswell.block.outside.Beyond` adds to the differences of the potentials.
     log_bath
-        ln a~ of the bath, for models in which it is that of the cells as well.
+        ln a~ of the reference bath, for models in which it is that of the cells as well.
     result
         `Transport`, set.
     """
@@ -228,10 +228,19 @@ def find_transport_slopes(section: Any, tables: Any, positions: Any, transport: 
 
 
 @kernel
-def flux_change(tables: Any, slopes: Any, displacements: Any, potentials: Any, change: Any) -> Any:
+def flux_change(
+    tables: Any,
+    slopes: Any,
+    displacements: Any,
+    potentials: Any,
+    outside_across: Any,
+    outside_along: Any,
+    change: Any,
+) -> Any:
     """Change of what flows through the faces in the duration of the slopes, (balances, crossed), by linearisation.
 
-    ``displacements`` (2, vertices) and ``potentials`` (balances, cells) are those of a Newton step.
+    ``displacements`` (2, vertices), ``potentials`` (balances, cells) and the differences of potentials that are made
+    outside, (balances, crossed) each, are those of a Newton step.
     """
     balances = potentials.shape[0]
     for f in range(tables.face_cells.shape[1]):
@@ -243,13 +252,16 @@ def flux_change(tables: Any, slopes: Any, displacements: Any, potentials: Any, c
             for k in range(6):
                 total += slopes.points[b, k, f] * x[k] + slopes.points[b, 6 + k, f] * y[k]
             for g in range(balances):
-                across = -potentials[g, first]
+                across = outside_across[g, f] - potentials[g, first]
                 if second >= 0:
                     across += potentials[g, second]
-                along = row_product(tables.along, f, potentials[g])
+                along = outside_along[g, f] + row_product(tables.along, f, potentials[g])
                 total += slopes.across[b, g, f] * across + slopes.along[b, g, f] * along
-            if balances > 1 and second >= 0:
-                total += slopes.by_activity[b, 0, f] * 0.5 * (potentials[1, first] + potentials[1, second])
+            if balances > 1:
+                at_face = outside_across[1, f]
+                if second >= 0:
+                    at_face = 0.5 * (potentials[1, first] + potentials[1, second])
+                total += slopes.by_activity[b, 0, f] * at_face
             change[b, f] = total
 
 

@@ -39,8 +39,8 @@ CONDUCTING = ("grounded", "floating", "current", "potential")
 HELD = ("fixed", "roller")  # nothing drives them, and their reactions are results
 # histories that a result has of a part, named "PART_KIND"
 MEASURED = (
-    "pressure", "force", "displacement", "bath_concentration", "bath_pressure", "water_volume", "cation_amount",
-    "anion_amount", "current", "potential",
+    "pressure", "force", "displacement", "tangential_displacement", "bath_concentration", "bath_pressure",
+    "water_volume", "cation_amount", "anion_amount", "current", "potential",
 )  # fmt: skip
 # loads that each mechanical condition takes; at most one at a time, but for the tangential displacement
 LOADED: Mapping[str, tuple[str, ...]] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from fvswell.boundary.checks import part_problems
+from fvswell.boundary.checks import condition_problems
 from fvswell.boundary.parts import LOADED, MEASURED, Part
 from fvswell.case.acting_loads import acting_loads, moved_part, reference_bath
 from fvswell.case.errors import Finding, Location, nearest_name
@@ -21,9 +21,9 @@ _BATH = ("bath_concentration", "bath_pressure")
 
 def load_findings(case: CaseTable) -> Iterator[Finding]:
     """What is wrong with the conditions on the parts, and with the loads of the phases."""
-    for part, problem in part_problems(case.parts):
-        place: Location = ("boundary",) if part is None else ("boundary", part.name)
-        yield Finding(place, problem)
+    if case.geometry.kind == "column":
+        for problem in condition_problems(case.parts):
+            yield Finding(("boundary",), problem)
     unknown = list(_unknown_parts(case))
     yield from unknown
     yield from _long_loads(case)
