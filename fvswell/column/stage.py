@@ -115,9 +115,7 @@ def _complete_loads(body: Any, unknowns: Any, contents: Any, loads: Any) -> Any:
 
 
 @find_unknowns.register(ColumnBody)
-def _find_unknowns(
-    body: Any, unknowns: Any, contents: Any, rate: Any, loads: Any, slopes: Any, duration: Any, clock: Any, report: Any
-) -> Any:
+def _find_unknowns(body: Any, unknowns: Any, contents: Any, loads: Any, slopes: Any) -> Any:
     balances, n = contents.shape
     for b in range(balances):
         for i in range(n):
@@ -140,7 +138,7 @@ def _find_rate(
     body: Any, unknowns: Any, contents: Any, loads: Any, slopes: Any, rate: Any, crossing: Any, clock: Any, report: Any
 ) -> Any:
     balances, n = contents.shape
-    _find_unknowns(body, unknowns, contents, rate, loads, slopes, 0.0, clock, report)
+    _find_unknowns(body, unknowns, contents, loads, slopes)
     loads[PRESSURE] = unknowns[balances * n]
     body.evaluate(
         body.cells, body.faces, body.metric, contents, loads, body.open_ends, body.fluxes, body.by_lower, body.by_upper,

@@ -139,8 +139,7 @@ def _record_outputs(body: Any, protocol: Any, control: Any, state: Any, work: An
         time = clock[TIME] + due
         set_loads(protocol, counts[SEGMENT], time, state.phase_loads, work.loads)
         set_slopes(protocol, counts[SEGMENT], time, state.phase_loads, work.slopes)
-        duration = control.coefficients[len(work.rates) - 1, len(work.rates) - 1] * size
-        find_unknowns(body, work.unknowns, work.base, work.rate, work.loads, work.slopes, duration, clock, work.report)
+        find_unknowns(body, work.unknowns, work.base, work.loads, work.slopes)
         complete_loads(body, work.unknowns, work.base, work.loads)
         write_output(
             record, state, clock[ELAPSED] + due, counts[PHASE], work.unknowns, work.base, work.loads, work.dense
