@@ -9,9 +9,9 @@ import numpy as np
 
 from fvswell.block.block import Block, Interval
 from fvswell.block.edges import drive_names, edge_loads
-from fvswell.block.geometry import quadrilateral_volume
 from fvswell.block.newton import Newton, NewtonResult
 from fvswell.block.sides import EDGES
+from fvswell.block.transport import find_volume_ratio
 from fvswell.numerics.body import admissible, complete_loads, find_rate, find_unknowns, global_strain, solve_stage
 from fvswell.numerics.state import (
     BALANCE,
@@ -207,8 +207,8 @@ def _find_rate(
 
 def volume_ratio(block: Block, unknowns: Array) -> Array:
     """J of the cells, ``(cells,)``."""
-    corners = block.positions(unknowns)[:, block.grid.cell_vertices]
-    ratio: Array = quadrilateral_volume(block.grid.section, *corners) / block.grid.volumes
+    ratio = np.empty(block.grid.cells)
+    find_volume_ratio(block.grid.section, block.tables, block.positions(unknowns), ratio)
     return ratio
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -81,16 +82,20 @@ def edge_loads(names: tuple[str, ...], values: Array) -> EdgeLoads:
     ValueError
         If an edge is driven in two ways at once.
     """
-    given = dict(zip(names, values, strict=True))
-
-    def of(kind: str) -> Array:
-        return np.array([given.get(f"{edge}.{kind}", np.nan) for edge in EDGES], dtype=float)
-
-    kinds = EdgeLoads(of("pressure"), of("force"), of("displacement"))
-    for edge, count in zip(EDGES, (~np.isnan(kinds)).sum(axis=0), strict=True):
+    kinds = np.append(values, np.nan)[_places(names)]
+    given = ~np.isnan(kinds)
+    for edge, count in zip(EDGES, given.sum(axis=0).tolist(), strict=True):
         if count > 1:
             raise ValueError(f"the {edge} edge is driven in more than one way: give pressure, force or displacement")
-    return kinds._replace(pressure=np.nan_to_num(kinds.pressure), force=np.nan_to_num(kinds.force))
+    pressure, force = np.where(given[:2], kinds[:2], 0.0)
+    return EdgeLoads(pressure, force, kinds[2])
+
+
+@cache
+def _places(names: tuple[str, ...]) -> Array:
+    """Where the loads of each kind on each edge, ``(3, 4)``, are among the names; behind them all if nowhere."""
+    kinds = [[f"{edge}.{kind}" for edge in EDGES] for kind in EdgeLoads._fields]
+    return np.array([[names.index(name) if name in names else len(names) for name in kind] for kind in kinds])
 
 
 def check_edges(rings: bool, edges: Mapping[str, EdgeCondition]) -> list[str]:

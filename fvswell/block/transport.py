@@ -20,7 +20,15 @@ from fvswell.block.geometry import diamond_metric, quadrilateral_gradient, quadr
 from fvswell.compiled import kernel, point
 from fvswell.compiled.dual import slope_of, variables
 
-__all__ = ["Transport", "TransportSlopes", "TransportTables", "find_transport", "find_transport_slopes", "flux_change"]
+__all__ = [
+    "Transport",
+    "TransportSlopes",
+    "TransportTables",
+    "find_transport",
+    "find_transport_slopes",
+    "find_volume_ratio",
+    "flux_change",
+]
 
 
 class TransportTables(NamedTuple):
@@ -99,6 +107,16 @@ def _diamond_points(tables: Any, component: Any, f: Any) -> Any:
         row_product(tables.points, 2 * n + f, component), row_product(tables.points, 3 * n + f, component),
         row_product(tables.points, 4 * n + f, component), row_product(tables.points, 5 * n + f, component),
     )  # fmt: skip
+
+
+@kernel
+def find_volume_ratio(section: Any, tables: Any, positions: Any, volume_ratio: Any) -> Any:
+    """Set the volumes of the cells over those of reference, (cells,), with the vertices at positions."""
+    v = tables.cell_vertices
+    for c in range(len(volume_ratio)):
+        x = (positions[0, v[0, c]], positions[0, v[1, c]], positions[0, v[2, c]], positions[0, v[3, c]])
+        y = (positions[1, v[0, c]], positions[1, v[1, c]], positions[1, v[2, c]], positions[1, v[3, c]])
+        volume_ratio[c] = quadrilateral_volume(section, x, y) / tables.volumes[c]
 
 
 @kernel
@@ -239,18 +257,21 @@ def flux_change(tables: Any, slopes: Any, displacements: Any, potentials: Any, c
         x = _diamond_points(tables, displacements[0], f)
         y = _diamond_points(tables, displacements[1], f)
         for b in range(balances):
-            total = 0.0
-            for k in range(6):
-                total += slopes.points[b, k, f] * x[k] + slopes.points[b, 6 + k, f] * y[k]
-            for g in range(balances):
-                across = -potentials[g, first]
-                if second >= 0:
-                    across += potentials[g, second]
-                along = row_product(tables.along, f, potentials[g])
-                total += slopes.across[b, g, f] * across + slopes.along[b, g, f] * along
+            p = slopes.points
+            change[b, f] = (
+                p[b, 0, f] * x[0] + p[b, 1, f] * x[1] + p[b, 2, f] * x[2] + p[b, 3, f] * x[3] + p[b, 4, f] * x[4]
+                + p[b, 5, f] * x[5] + p[b, 6, f] * y[0] + p[b, 7, f] * y[1] + p[b, 8, f] * y[2] + p[b, 9, f] * y[3]
+                + p[b, 10, f] * y[4] + p[b, 11, f] * y[5]
+            )  # fmt: skip
             if balances > 1 and second >= 0:
-                total += slopes.by_activity[b, 0, f] * 0.5 * (potentials[1, first] + potentials[1, second])
-            change[b, f] = total
+                change[b, f] += slopes.by_activity[b, 0, f] * 0.5 * (potentials[1, first] + potentials[1, second])
+        for g in range(balances):
+            across = -potentials[g, first]
+            if second >= 0:
+                across += potentials[g, second]
+            along = row_product(tables.along, f, potentials[g])
+            for b in range(balances):
+                change[b, f] += slopes.across[b, g, f] * across + slopes.along[b, g, f] * along
 
 
 def transport_tables(

@@ -8,12 +8,13 @@ the work is products of dense matrices, which is what makes this faster than fac
 from __future__ import annotations
 
 from itertools import pairwise, product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg.blas import dgemm
 from scipy.linalg.lapack import dgetrf, dgetrs
 
+from fvswell.compiled import kernel, point
 from fvswell.numerics.blas import one_blas_thread
 from fvswell.numerics.dissection import Part
 from fvswell.physics.tissue import Array
@@ -33,13 +34,18 @@ class _Front(NamedTuple):
     children: list[tuple[int, list[_Run]]]
 
 
-class _Eliminated(NamedTuple):
-    own: slice
-    boundary: Array
-    factors: Array  # of the transposed block of the own unknowns, from LAPACK
-    pivots: Array
-    left: Array  # rows of the boundary, multiplied from the right by the inverse of that block
-    above: Array  # columns of the boundary
+class _Layout(NamedTuple):
+    """Where the factors of each part are in one array, part by part.
+
+    They are, row by row: the transposed block of the own unknowns, factorised by LAPACK; the rows of the boundary,
+    multiplied from the right by the inverse of that block; the columns of the boundary.
+    """
+
+    order: Array  # (unknowns,) of elimination
+    first: Array  # (parts + 1,) of the own unknowns
+    first_boundary: Array  # (parts + 1,)
+    boundary: Array  # of all parts
+    first_factor: Array  # (parts + 1,)
 
 
 class Fronts:
@@ -54,9 +60,9 @@ class Fronts:
     """
 
     def __init__(self, rows: Array, columns: Array, parts: list[Part]) -> None:
-        self._order = np.concatenate([np.empty(0, dtype=int), *(part.unknowns for part in parts)])
-        number = np.empty(len(self._order), dtype=int)
-        number[self._order] = np.arange(len(self._order))
+        order = np.concatenate([np.empty(0, dtype=int), *(part.unknowns for part in parts)])
+        number = np.empty(len(order), dtype=int)
+        number[order] = np.arange(len(order))
         rows, columns = number[rows], number[columns]
         starts = np.cumsum([0, *(len(part.unknowns) for part in parts)])
         first_part = np.searchsorted(starts, np.minimum(rows, columns), side="right") - 1
@@ -66,32 +72,44 @@ class Fronts:
         for part, (start, stop), (first, end) in zip(parts, pairwise(starts.tolist()), ends, strict=True):
             entries = by_part[first:end]
             self._add(part.children, slice(start, stop), entries, rows[entries], columns[entries])
+        boundaries = [front.boundary for front in self._fronts]
+        numbers, others = np.diff(starts), np.array([len(boundary) for boundary in boundaries], dtype=int)
+        self._layout = _Layout(
+            order, starts, np.cumsum([0, *others]), np.concatenate([np.empty(0, dtype=int), *boundaries]),
+            np.cumsum([0, *(numbers * (numbers + 2 * others))]),
+        )  # fmt: skip
 
     @one_blas_thread()
     def factorise(self, values: Array) -> FrontFactors | None:
         """Factors of the matrix with these values of the entries; None if the block of a part is singular."""
-        eliminated: list[_Eliminated] = []
+        layout = self._layout
+        factors, pivots = np.empty(layout.first_factor[-1]), np.empty(layout.first[-1], dtype=np.int64)
         remaining: dict[int, Array] = {}
         for index, front in enumerate(self._fronts):
-            number = front.own.stop - front.own.start
-            size = number + len(front.boundary)
-            matrix = np.zeros(size * size)
-            matrix[front.at] = values[front.entries]
-            matrix = matrix.reshape(size, size)
-            for child, runs in front.children:
-                added = remaining.pop(child)
-                for (rows, to_rows), (columns, to_columns) in product(runs, runs):
-                    matrix[to_rows, to_columns] += added[rows, columns]
+            number, others = front.own.stop - front.own.start, len(front.boundary)
+            matrix = self._assembled(front, values, remaining)
             # a front is stored row by row, LAPACK and BLAS want columns: they get transposed blocks
-            factors, pivots, singular = dgetrf(matrix[:number, :number].T)
+            block, left, above = _views(factors[layout.first_factor[index] :], number, others)
+            block[:], left[:], above[:] = matrix[:number, :number], matrix[number:, :number], matrix[:number, number:]
+            _, pivots[front.own], singular = dgetrf(block.T, overwrite_a=True)
             if singular:
                 return None
-            left, above = np.empty((0, number)), matrix[:number, number:].copy()
-            if len(front.boundary):
-                left = dgetrs(factors, pivots, matrix[number:, :number].T)[0].T
+            if others:
+                dgetrs(block.T, pivots[front.own], left.T, overwrite_b=True)
                 remaining[index] = dgemm(-1.0, above.T, left.T, 1.0, matrix[number:, number:].T).T
-            eliminated.append(_Eliminated(front.own, front.boundary, factors, pivots, left, above))
-        return FrontFactors(eliminated, self._order)
+        return FrontFactors(layout, factors, pivots)
+
+    def _assembled(self, front: _Front, values: Array, remaining: dict[int, Array]) -> Array:
+        """The dense matrix of a front; what remains of its children is taken away."""
+        size = front.own.stop - front.own.start + len(front.boundary)
+        matrix = np.zeros(size * size)
+        matrix[front.at] = values[front.entries]
+        matrix = matrix.reshape(size, size)
+        for child, runs in front.children:
+            added = remaining.pop(child)
+            for (rows, to_rows), (columns, to_columns) in product(runs, runs):
+                matrix[to_rows, to_columns] += added[rows, columns]
+        return matrix
 
     def _add(self, children: list[int], own: slice, entries: Array, rows: Array, columns: Array) -> None:
         """Add the front of a part whose entries are in these rows and columns."""
@@ -107,29 +125,81 @@ class Fronts:
         self._fronts.append(_Front(own, boundary, entries, at, runs))
 
 
+def _views(factors: Array, number: int, others: int) -> tuple[Array, Array, Array]:
+    """The three matrices of a part, as they lie one behind the other."""
+    left, above = number * number, number * (number + others)
+    return (
+        factors[:left].reshape(number, number),
+        factors[left:above].reshape(others, number),
+        factors[above : above + number * others].reshape(number, others),
+    )
+
+
 class FrontFactors:
     """Factors of a matrix."""
 
-    def __init__(self, eliminated: list[_Eliminated], order: Array) -> None:
-        self._eliminated, self._order = eliminated, order
+    def __init__(self, layout: _Layout, factors: Array, pivots: Array) -> None:
+        self._layout, self._factors, self._pivots = layout, factors, pivots
 
     @property
     def entries(self) -> int:
         """Number of entries that are stored."""
-        return sum(part.factors.size + part.left.size + part.above.size for part in self._eliminated)
+        return len(self._factors)
 
-    @one_blas_thread()
     def solve(self, right_side: Array) -> Array:
         """Solution of the system."""
-        values = right_side[self._order]
-        for part in self._eliminated:
-            values[part.boundary] -= part.left @ values[part.own]
-        for part in reversed(self._eliminated):
-            known = part.above @ values[part.boundary]
-            values[part.own] = dgetrs(part.factors, part.pivots, values[part.own] - known, trans=1)[0]
-        solution = np.empty_like(values)
-        solution[self._order] = values
+        values, solution = np.empty((2, len(right_side))), np.empty(len(right_side))
+        _solve(self._layout, self._factors, self._pivots, right_side, values, solution)
         return solution
+
+
+@kernel
+def _solve(layout: Any, factors: Any, pivots: Any, right_side: Any, work: Any, solution: Any) -> Any:
+    """Solve with the factors of all parts: in a loop that is compiled, as most parts are small."""
+    values, outer, parts = work[0], work[1], len(layout.first) - 1
+    for i in range(len(right_side)):
+        values[i] = right_side[layout.order[i]]
+    for part in range(parts):
+        start, boundary = layout.first[part], layout.first_boundary[part]
+        number, others = layout.first[part + 1] - start, layout.first_boundary[part + 1] - boundary
+        left = layout.first_factor[part] + number * number
+        for i in range(others):
+            values[layout.boundary[boundary + i]] -= _dot(factors, left + i * number, values, start, number)
+    for part in range(parts - 1, -1, -1):
+        start, boundary = layout.first[part], layout.first_boundary[part]
+        number, others = layout.first[part + 1] - start, layout.first_boundary[part + 1] - boundary
+        block = layout.first_factor[part]
+        above = block + number * (number + others)
+        for i in range(others):
+            outer[i] = values[layout.boundary[boundary + i]]
+        for i in range(number):  # with the upper factor of the transposed block, which is a lower one
+            known = _dot(factors, above + i * others, outer, 0, others) + _dot(
+                factors, block + i * number, values, start, i
+            )
+            values[start + i] = (values[start + i] - known) / factors[block + i * number + i]
+        for i in range(number - 1, -1, -1):
+            behind = number - i - 1
+            values[start + i] -= _dot(factors, block + i * number + i + 1, values, start + i + 1, behind)
+        for i in range(number - 1, -1, -1):
+            other = start + pivots[start + i]
+            values[start + i], values[other] = values[other], values[start + i]
+    for i in range(len(right_side)):
+        solution[layout.order[i]] = values[i]
+
+
+@point
+def _dot(a: Any, i: Any, b: Any, j: Any, number: Any) -> Any:
+    """Product of parts of two arrays, in four sums that do not wait for each other."""
+    first, second, third, fourth = 0.0, 0.0, 0.0, 0.0
+    whole = number - number % 4
+    for k in range(0, whole, 4):
+        first += a[i + k] * b[j + k]
+        second += a[i + k + 1] * b[j + k + 1]
+        third += a[i + k + 2] * b[j + k + 2]
+        fourth += a[i + k + 3] * b[j + k + 3]
+    for k in range(whole, number):
+        first += a[i + k] * b[j + k]
+    return (first + second) + (third + fourth)
 
 
 def _runs(places: Array) -> list[_Run]:
