@@ -147,7 +147,7 @@ class Block:
             maps = (self.diamonds.across_outside, self.diamonds.along_outside)
             across, along = (np.ascontiguousarray((part @ outside.T).T) for part in maps)
             log_bath = self._outside(concentration)[2]
-        result = transport_room(len(self.balances), self.grid.cells, len(self.diamonds.faces))
+        result = transport_room(len(self.balances), self.tables)
         find_transport(
             self.grid.section, self.laws[1], self.laws[2], self.tables, positions, np.ascontiguousarray(potentials),
             across, along, log_bath, result,
@@ -250,6 +250,11 @@ class Block:
     def modulus(self) -> Array:
         """Aggregate modulus of the cells, ``(cells,)`` MPa."""
         return np.broadcast_to(aggregate_modulus(self.cells.solid, self.cells.fluid_fraction), self.grid.cells)
+
+    @cached_property
+    def measure_scale(self) -> tuple[float, float]:
+        """Natural sizes of displacements and of water potentials as a whole: the extent, mm, and the modulus, MPa."""
+        return float(np.ptp(self.grid.vertices, axis=1).max()), float(self.modulus.mean())
 
     @cached_property
     def momentum_scale(self) -> Array:

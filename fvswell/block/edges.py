@@ -47,7 +47,9 @@ class DegreesOfFreedom:
 
     def displacements(self, values: Array) -> Array:
         """Displacements of the vertices ``(2, vertices)`` from the unknowns."""
-        return np.append(values, 0.0)[self.of_vertex]
+        padded = np.zeros(self.number + 1)  # the last for those that are held
+        padded[:-1] = values
+        return padded[self.of_vertex]
 
 
 class EdgeLoads(NamedTuple):

@@ -84,7 +84,7 @@ def mechanics_room(cells: int) -> Mechanics:
     """Arrays for `find_forces`."""
     points = 4 * cells
     shapes: list[tuple[int, ...]] = [(5, points), (5, points), (5, 5, points), (8, cells), (8, cells)]
-    return Mechanics(*(np.zeros(shape) for shape in shapes))
+    return Mechanics(*(np.empty(shape) for shape in shapes))
 
 
 @kernel

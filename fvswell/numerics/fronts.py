@@ -7,7 +7,7 @@ the work is products of dense matrices, which is what makes this faster than fac
 
 from __future__ import annotations
 
-from itertools import pairwise, product
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,8 +21,6 @@ from fvswell.physics.tissue import Array
 
 __all__ = ["FrontFactors", "Fronts"]
 
-_Run = tuple[slice, slice]  # of a child's boundary, and where it is in the front
-
 
 class _Front(NamedTuple):
     """What does not depend on the values; unknowns are numbered in the order of elimination."""
@@ -30,8 +28,8 @@ class _Front(NamedTuple):
     own: slice
     boundary: Array
     entries: Array  # those of the matrix that belong to it
-    at: Array  # where in the front they are, row by row
-    children: list[tuple[int, list[_Run]]]
+    at: Array  # where they are: in the factors of the front, and behind those in what remains of it
+    children: list[tuple[int, Array]]  # parts that it separates, and where the boundary of each is in the front
 
 
 class _Layout(NamedTuple):
@@ -87,29 +85,21 @@ class Fronts:
         remaining: dict[int, Array] = {}
         for index, front in enumerate(self._fronts):
             number, others = front.own.stop - front.own.start, len(front.boundary)
-            matrix = self._assembled(front, values, remaining)
+            own = factors[layout.first_factor[index] : layout.first_factor[index + 1]]
+            rest = np.empty((others, others))
+            _scatter(values, front.entries, front.at, own, rest.reshape(-1))
+            for child, places in front.children:
+                _extend(remaining.pop(child), places, number, own, rest)
             # a front is stored row by row, LAPACK and BLAS want columns: they get transposed blocks
-            block, left, above = _views(factors[layout.first_factor[index] :], number, others)
-            block[:], left[:], above[:] = matrix[:number, :number], matrix[number:, :number], matrix[:number, number:]
+            block, left, above = _views(own, number, others)
             _, pivots[front.own], singular = dgetrf(block.T, overwrite_a=True)
             if singular:
                 return None
             if others:
                 dgetrs(block.T, pivots[front.own], left.T, overwrite_b=True)
-                remaining[index] = dgemm(-1.0, above.T, left.T, 1.0, matrix[number:, number:].T).T
+                dgemm(-1.0, above.T, left.T, 1.0, rest.T, overwrite_c=True)
+            remaining[index] = rest
         return FrontFactors(layout, factors, pivots)
-
-    def _assembled(self, front: _Front, values: Array, remaining: dict[int, Array]) -> Array:
-        """The dense matrix of a front; what remains of its children is taken away."""
-        size = front.own.stop - front.own.start + len(front.boundary)
-        matrix = np.zeros(size * size)
-        matrix[front.at] = values[front.entries]
-        matrix = matrix.reshape(size, size)
-        for child, runs in front.children:
-            added = remaining.pop(child)
-            for (rows, to_rows), (columns, to_columns) in product(runs, runs):
-                matrix[to_rows, to_columns] += added[rows, columns]
-        return matrix
 
     def _add(self, children: list[int], own: slice, entries: Array, rows: Array, columns: Array) -> None:
         """Add the front of a part whose entries are in these rows and columns."""
@@ -120,9 +110,48 @@ class Fronts:
         def local(unknowns: Array) -> Array:
             return np.where(unknowns < own.stop, unknowns - own.start, number + np.searchsorted(boundary, unknowns))
 
-        at = local(rows) * (number + len(boundary)) + local(columns)
-        runs = [(child, _runs(local(self._fronts[child].boundary))) for child in children]
-        self._fronts.append(_Front(own, boundary, entries, at, runs))
+        row, column, others = local(rows), local(columns), len(boundary)
+        inner_row, inner_column = row < number, column < number
+        above, rest = number * (number + others), number * (number + 2 * others)
+        at = np.select(
+            [inner_row & inner_column, inner_column, inner_row],
+            [row * number + column, row * number + column, above + row * others + column - number],
+            rest + (row - number) * others + column - number,
+        )
+        places = [(child, local(self._fronts[child].boundary)) for child in children]
+        self._fronts.append(_Front(own, boundary, entries, at, places))
+
+
+@kernel
+def _scatter(values: Any, entries: Any, at: Any, own: Any, rest: Any) -> Any:
+    """Put the entries of the matrix that belong to a front into it, and zeros elsewhere."""
+    for i in range(len(own)):
+        own[i] = 0.0
+    for i in range(len(rest)):
+        rest[i] = 0.0
+    for entry in range(len(entries)):
+        if at[entry] < len(own):
+            own[at[entry]] = values[entries[entry]]
+        else:
+            rest[at[entry] - len(own)] = values[entries[entry]]
+
+
+@kernel
+def _extend(remaining: Any, places: Any, number: Any, own: Any, rest: Any) -> Any:
+    """Add what remains of a part that a front separates; places are increasing, those of own unknowns below number."""
+    others, inner = len(rest), 0
+    while inner < len(places) and places[inner] < number:
+        inner += 1
+    for i in range(len(places)):
+        row = places[i]
+        for j in range(inner):
+            own[row * number + places[j]] += remaining[i, j]  # the rows of the boundary follow those of the block
+        above = number * (number + others) + row * others - number
+        for j in range(inner, len(places)):
+            if row < number:
+                own[above + places[j]] += remaining[i, j]
+            else:
+                rest[row - number, places[j] - number] += remaining[i, j]
 
 
 def _views(factors: Array, number: int, others: int) -> tuple[Array, Array, Array]:
@@ -200,11 +229,3 @@ def _dot(a: Any, i: Any, b: Any, j: Any, number: Any) -> Any:
     for k in range(whole, number):
         first += a[i + k] * b[j + k]
     return (first + second) + (third + fourth)
-
-
-def _runs(places: Array) -> list[_Run]:
-    """Consecutive pieces of increasing places; a few, because the unknowns of a line are numbered along it."""
-    if not len(places):
-        return []
-    ends = [0, *(np.flatnonzero(np.diff(places) != 1) + 1).tolist(), len(places)]
-    return [(slice(a, b), slice(int(places[a]), int(places[a]) + b - a)) for a, b in pairwise(ends)]
