@@ -177,7 +177,7 @@ class Block:
         beyond
             What there is outside.
         """
-        result = transport_room(len(self.balances), self.grid.cells, len(self.diamonds.faces))
+        result = transport_room(len(self.balances), self.tables)
         find_transport(
             self.grid.section, self.laws[1], self.laws[2], self.tables, positions, np.ascontiguousarray(potentials),
             *beyond, result,
@@ -272,6 +272,11 @@ class Block:
     def modulus(self) -> Array:
         """Aggregate modulus of the cells, ``(cells,)`` MPa."""
         return np.broadcast_to(aggregate_modulus(self.cells.solid, self.cells.fluid_fraction), self.grid.cells)
+
+    @cached_property
+    def measure_scale(self) -> tuple[float, float]:
+        """Natural sizes of displacements and of water potentials as a whole: the extent, mm, and the modulus, MPa."""
+        return float(np.ptp(self.grid.vertices, axis=1).max()), float(self.modulus.mean())
 
     @cached_property
     def momentum_scale(self) -> Array:

@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from fvswell.block.block import Block, Interval
-from fvswell.block.geometry import quadrilateral_volume
 from fvswell.block.newton import Newton, NewtonResult
 from fvswell.block.part_loads import part_loads
 from fvswell.block.reactions import part_areas, part_forces
+from fvswell.block.transport import find_volume_ratio
 from fvswell.boundary.parts import HELD, load_names
 from fvswell.numerics.body import admissible, complete_loads, find_rate, find_unknowns, global_strain, solve_stage
 from fvswell.numerics.state import (
@@ -19,7 +19,6 @@ from fvswell.numerics.state import (
     CONVERGED,
     ELAPSED,
     ITERATIONS,
-    NEWTON,
     NO_WATER,
     POINT,
     REASON,
@@ -33,7 +32,6 @@ __all__ = ["BlockBody"]
 
 _FIRST_MOMENT = 1e-4  # of the time in which a cell consolidates: so short that no water flows after a jump
 _RATE_TOLERANCE = 1e-10
-_OUTPUT_SHARE = 10.0  # outputs are solved to the tolerance of their step, its stages to a tenth of that
 
 
 @dataclass
@@ -59,7 +57,6 @@ class BlockBody:
     method: type[Newton] = Newton
     _newton: Newton | None = field(default=None, repr=False)
     _stage: tuple[float, float, tuple[bool, ...]] | None = field(default=None, repr=False)
-    tolerance: float = field(default=0.0, repr=False)  # of the last stage
 
     @cached_property
     def load_names(self) -> tuple[str, ...]:
@@ -111,15 +108,15 @@ class BlockBody:
         speed = (hydraulic_permeability(tissue, 1.0) * self.block.modulus).max()
         return float(_FIRST_MOMENT * sides.min() ** 2 / speed)
 
-    def newton(self, elapsed: float, duration: float, loads: Array, constant: float) -> Newton:
-        """Newton's method for a stage; the stages of one step share their factors.
+    def newton(self, elapsed: float, duration: float, loads: Array) -> Newton:
+        """Newton's method for a stage; the stages of one step share their factors, and how fast it converges.
 
-        Those of the step before are not used: a run that goes on from a file does not have them.
+        Those of the step before are not used: a run that goes on from a file does not have its factors, and just after
+        a jump convergence is much slower in the next step, which is longer.
         """
         stage = (elapsed, duration, tuple(np.isnan(loads)))
         if self._newton is None or self._stage != stage:
-            self._newton, self._stage = self.method(self.block, constant), stage
-        self._newton.constant = constant
+            self._newton, self._stage = self.method(self.block), stage
         return self._newton
 
 
@@ -165,10 +162,8 @@ def _solve_stage(
     body: BlockBody, unknowns: Array, contents: Array, base: Array, duration: float, loads: Array, tolerance: float,
     crossing: Array, clock: Array, report: Array,
 ) -> bool:  # fmt: skip
-    newton = body.newton(clock[ELAPSED], duration, loads, clock[NEWTON])
-    body.tolerance = tolerance
+    newton = body.newton(clock[ELAPSED], duration, loads)
     result = newton.solve(unknowns, body.interval(base, duration, loads), tolerance)
-    clock[NEWTON] = newton.constant
     _set_report(body, result, report)
     unknowns[:] = result.unknowns
     if result.step is None:
@@ -179,18 +174,8 @@ def _solve_stage(
 
 
 @find_unknowns.register(BlockBody)
-def _find_unknowns(
-    body: BlockBody, unknowns: Array, contents: Array, rate: Array, loads: Array, slopes: Array, duration: float,
-    clock: Array, report: Array,
-) -> bool:  # fmt: skip
-    """Solve a stage that ends at the contents, with the factors of the step: it began a duration ago, at this rate."""
-    newton = body.newton(clock[ELAPSED], duration, loads, clock[NEWTON])
-    start = body.interval(contents - duration * rate, duration, loads)
-    result = newton.solve(unknowns, start, _OUTPUT_SHARE * body.tolerance)
-    _set_report(body, result, report)
-    if result.step is not None:
-        unknowns[:] = result.unknowns
-    return result.step is not None
+def _find_unknowns(body: BlockBody, unknowns: Array, contents: Array, loads: Array, slopes: Array) -> None:
+    """The guess is as accurate as the contents, which the stages that it has been found from go with."""
 
 
 @find_rate.register(BlockBody)
@@ -225,8 +210,8 @@ def _find_rate(
 
 def volume_ratio(block: Block, unknowns: Array) -> Array:
     """J of the cells, ``(cells,)``."""
-    corners = block.positions(unknowns)[:, block.grid.cell_vertices]
-    ratio: Array = quadrilateral_volume(block.grid.section, *corners) / block.grid.volumes
+    ratio = np.empty(block.grid.cells)
+    find_volume_ratio(block.grid.section, block.tables, block.positions(unknowns), ratio)
     return ratio
 
 

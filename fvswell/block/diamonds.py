@@ -35,7 +35,8 @@ class Diamonds:
     along_outside: sparse.csr_array
     mean: sparse.csr_array  # plain mean of the two cells; nothing at the boundary
     outflow: sparse.csr_array  # (cells, crossed): what leaves each cell
-    points: sparse.csr_array  # (6 crossed, vertices): the points of `geometry.diamond_metric`
+    places: sparse.csr_array  # (places, vertices): every place where a diamond has a point
+    place_of_point: Array  # (6, crossed): of the points of `geometry.diamond_metric`
     reference_volumes: Array  # (crossed,)
 
     @property
@@ -45,7 +46,12 @@ class Diamonds:
 
     def local_points(self, vertices: Array) -> Array:
         """Points of every diamond, ``(2, 6, crossed)``, from the positions of the vertices ``(2, vertices)``."""
-        return np.stack([(self.points @ component).reshape(6, -1) for component in vertices])
+        return np.stack([(self.places @ component)[self.place_of_point] for component in vertices])
+
+    @property
+    def points(self) -> sparse.csr_array:
+        """The points from vertices, ``(6 crossed, vertices)``."""
+        return self.places[self.place_of_point.ravel()]
 
 
 def diamonds(grid: BlockGrid, open_faces: Array) -> Diamonds:
@@ -66,17 +72,19 @@ def diamonds(grid: BlockGrid, open_faces: Array) -> Diamonds:
     pick_second = _selection(second, grid.cells)
     ends_vertices = [_selection(end, n_vertices) for end in ends]
     middle = sparse.diags_array(np.where(outside, 0.5, 0.0)) @ (ends_vertices[0] + ends_vertices[1])
+    # places: centres of cells, middles of faces on the boundary, vertices, and what stands for vertices in the inside
     from_corners = _corner_mean(grid)
-    vertex_or_point = _selection(np.where(inner & ~outer, -1, np.arange(n_vertices)), n_vertices)
-    vertex_or_point += sparse.diags_array(np.where(inner & ~outer, 1.0, 0.0)) @ (weights @ from_corners)
-    points = sparse.vstack(
-        [
-            pick_first @ from_corners, pick_second @ from_corners + middle,
-            *ends_vertices, *(end @ vertex_or_point for end in ends_vertices),
-        ],
-        format="csr",
-    )  # fmt: skip
-    local = np.stack([(points @ component).reshape(6, -1) for component in grid.vertices])
+    inside = sparse.diags_array(np.where(inner & ~outer, 1.0, 0.0))
+    vertex = sparse.eye_array(n_vertices)
+    places = sparse.vstack(
+        [from_corners, middle.tocsr()[outside], vertex, vertex - inside + inside @ weights @ from_corners], format="csr"
+    )
+    middles = grid.cells + np.cumsum(outside) - 1
+    first_vertex = grid.cells + np.count_nonzero(outside)
+    place_of_point = np.stack(
+        [first, np.where(outside, middles, second), *(ends + first_vertex), *(ends + first_vertex + n_vertices)]
+    )
+    local = np.stack([(places @ component)[place_of_point] for component in grid.vertices])
     along = ends_vertices[1] - ends_vertices[0]
     return Diamonds(
         faces=faces,
@@ -87,7 +95,8 @@ def diamonds(grid: BlockGrid, open_faces: Array) -> Diamonds:
         along_outside=_clean(along @ to_outside),
         mean=(sparse.diags_array(np.where(outside, 0.0, 0.5)) @ (pick_first + pick_second)).tocsr(),
         outflow=(pick_first - pick_second).T.tocsr(),
-        points=points,
+        places=places,
+        place_of_point=place_of_point,
         reference_volumes=np.ascontiguousarray(diamond_metric(grid.section, *local)[0]),
     )
 

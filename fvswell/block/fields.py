@@ -27,12 +27,10 @@ def block_fields(body: BlockBody, record: Record) -> Fields:
 
     See `fields_at`; mismatches of the balances come on top.
     """
-    outputs, names = int(record.filled[0]), body.load_names
-    rows = []
-    for unknowns, values in zip(record.unknowns[:outputs], record.loads[:outputs], strict=True):
-        loads = dict(zip(names, values, strict=True))
-        rows.append(fields_at(body.block, unknowns, pressing_loads(body.block.parts, loads, body.block.concentration)))
-    fields = {name: np.stack([row[name] for row in rows]) for name in rows[0]} if rows else {}
+    outputs, block = int(record.filled[0]), body.block
+    values = (dict(zip(body.load_names, each, strict=True)) for each in record.loads[:outputs])
+    loads = [pressing_loads(block.parts, each, block.concentration) for each in values]
+    fields = _fields(block, record.unknowns[:outputs], loads) if outputs else {}
     return fields | balance_errors(record, body.block.model.transports_ions)
 
 
@@ -48,64 +46,77 @@ def fields_at(block: Block, unknowns: Array, loads: PartLoads) -> Fields:
         parts too (``cation_flux_diffusion_x``, ...); and the concentration of the reference bath. What is measured at
         the parts of the boundary is in `fvswell.block.histories`.
     """
-    positions, potentials, tissue = block.positions(unknowns), block.potentials(unknowns), block.cells
-    transport = block.transport_at(unknowns, loads)
-    J, osmotic = transport.volume_ratio, transport.osmotic[0]
+    fields = _fields(block, unknowns[None], [loads])
+    return {name: values[0] for name, values in fields.items()}
+
+
+def _fields(block: Block, unknowns: Array, loads: list[PartLoads]) -> Fields:
+    """Fields in several states, ``(outputs, ...)``, together: most of the work of one is the interpreter's."""
+    positions, potentials = (np.stack([at(u) for u in unknowns]) for at in (block.positions, block.potentials))
+    states = [block.transport_at(*each) for each in zip(unknowns, loads, strict=True)]
+    tissue, J = block.cells, np.stack([state.volume_ratio for state in states])
+    osmotic = np.stack([state.osmotic[0] for state in states])
     displacement = positions - block.grid.vertices
     F = deformation_gradient(block.solid, block.grid.section.slab, positions)
     stress = cell_stress(block.solid, block.solid_class, F)
     fields: Fields = {
-        "bath_concentration": np.array(loads.bath_concentration[block.outside.reference]),
-        "displacement_x": displacement[0],
-        "displacement_y": displacement[1],
+        "bath_concentration": np.array([each.bath_concentration[block.outside.reference] for each in loads]),
+        "displacement_x": displacement[:, 0],
+        "displacement_y": displacement[:, 1],
         "volume_ratio": J,
         "fluid_fraction": fluid_fraction(tissue, J),
-        "fluid_pressure": potentials[0] + osmotic,
-        "water_potential": potentials[0],
+        "fluid_pressure": potentials[:, 0] + osmotic,
+        "water_potential": potentials[:, 0],
         **{f"effective_stress_{name}": value for name, value in stress._asdict().items()},
     }
-    totals = np.zeros((len(block.balances), block.grid.face_cells.shape[1]))
-    totals[:, block.diamonds.faces] = transport.fluxes
-    means = cell_vectors(block, positions, totals)
+    means = _mean_vectors(block, positions, states)
     vectors = {"water_flux": means[0]}
     if block.model.swelling:
         charge = fixed_charge_density(tissue, J)
-        cation, anion = ion_concentrations(tissue.osmotic, charge, transport.log_activity)
-        psi = potentials[2] if block.model.transports_ions else np.zeros_like(J)
+        activity = np.stack([state.log_activity for state in states])
+        cation, anion = ion_concentrations(tissue.osmotic, charge, activity)
+        psi = potentials[:, 2] if block.model.transports_ions else np.zeros_like(J)
         fields |= {
             "osmotic_pressure": osmotic,
             "fixed_charge_density": charge,
             "cation_concentration": cation,
             "anion_concentration": anion,
-            "virtual_concentration": virtual_concentration(tissue.osmotic, transport.log_activity),
+            "virtual_concentration": virtual_concentration(tissue.osmotic, activity),
             # F xi/(R T) = F psi~/(R T) - ln(gamma_int c+/a~), and gamma_int^2 c+ c- = a~^2
             "electric_potential": tissue.thermal_energy / FARADAY * (psi - 0.5 * np.log(cation / anion)),
         }
         if block.model.transports_ions:
             anions, current = means[1:]
             vectors |= {"cation_flux": anions + current, "anion_flux": anions, "current_density": FARADAY * current}
-            vectors |= _ion_flux_parts(block, positions, transport, (cation, anion), vectors)
+            vectors |= _ion_flux_parts(block, positions, states, np.stack([cation, anion]), vectors)
     for name, vector in vectors.items():
         fields[f"{name}_x"], fields[f"{name}_y"] = vector
     return fields
 
 
-def _ion_flux_parts(
-    block: Block, positions: Array, transport: Transport, ions: tuple[Array, Array], fluxes: Fields
-) -> Fields:
-    """Convection, diffusion and migration in the cells, ``(2, cells)`` each."""
+def _mean_vectors(block: Block, positions: Array, states: list[Transport]) -> Array:
+    """Mean vectors of all fluxes in the cells, ``(fluxes, 2, outputs, cells)``."""
+    totals = np.zeros((len(states), len(block.balances), block.grid.face_cells.shape[1]))
+    totals[:, :, block.diamonds.faces] = [state.fluxes for state in states]
+    means = [cell_vectors(block, *each) for each in zip(positions, totals, strict=True)]
+    return np.moveaxis(np.stack(means), 0, 2)
+
+
+def _ion_flux_parts(block: Block, positions: Array, states: list[Transport], ions: Array, fluxes: Fields) -> Fields:
+    """Convection, diffusion and migration in the cells, ``(2, outputs, cells)`` each; ions ``(2, outputs, cells)``."""
     tissue, faces = block.cells, block.faces
+    J = np.stack([state.volume_ratio for state in states])
     # at the boundary the laws take J of the cell inside
-    J = transport.volume_ratio[block.diamonds.cells[0]]
-    outside = ion_concentrations(faces.osmotic, fixed_charge_density(faces, J), transport.face_activity)
-    gradients = cell_gradients(block, positions, np.stack(ions), np.stack(outside))
+    at_faces = J[:, block.diamonds.cells[0]]
+    activity = np.stack([state.face_activity for state in states])
+    outside = np.stack(ion_concentrations(faces.osmotic, fixed_charge_density(faces, at_faces), activity))
+    each = zip(positions, np.moveaxis(ions, 1, 0), np.moveaxis(outside, 1, 0), strict=True)
+    gradients = np.moveaxis(np.stack([cell_gradients(block, *state) for state in each]), 0, 2)
     fields: Fields = {}
     for name, inside, gradient, diffusivity in (
         ("cation", ions[0], gradients[0], tissue.cation_diffusivity),
         ("anion", ions[1], gradients[1], tissue.anion_diffusivity),
     ):
-        parts = ion_flux_parts(
-            tissue, transport.volume_ratio, inside, diffusivity, fluxes[f"{name}_flux"], fluxes["water_flux"], gradient
-        )
+        parts = ion_flux_parts(tissue, J, inside, diffusivity, fluxes[f"{name}_flux"], fluxes["water_flux"], gradient)
         fields |= {f"{name}_flux_{part}": value for part, value in parts._asdict().items()}
     return fields

@@ -139,9 +139,7 @@ def _complete_loads(body: Any, unknowns: Any, contents: Any, loads: Any) -> Any:
 
 
 @find_unknowns.register(ColumnBody)
-def _find_unknowns(
-    body: Any, unknowns: Any, contents: Any, rate: Any, loads: Any, slopes: Any, duration: Any, clock: Any, report: Any
-) -> Any:
+def _find_unknowns(body: Any, unknowns: Any, contents: Any, loads: Any, slopes: Any) -> Any:
     balances, n = contents.shape
     for b in range(balances):
         for i in range(n):
@@ -154,7 +152,7 @@ def _find_rate(
     body: Any, unknowns: Any, contents: Any, loads: Any, slopes: Any, rate: Any, crossing: Any, clock: Any, report: Any
 ) -> Any:
     balances, n = contents.shape
-    _find_unknowns(body, unknowns, contents, rate, loads, slopes, 0.0, clock, report)
+    _find_unknowns(body, unknowns, contents, loads, slopes)
     evaluate_body(body, contents, loads)
     for b in range(balances):
         for i in range(n):

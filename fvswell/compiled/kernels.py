@@ -96,9 +96,11 @@ def law_kernel(make: Callable[..., Callable[..., Any]], dimensions: tuple[int, .
             else:
                 arrays = [numba.types.Array(numba.float64, ndim, "C") for ndim in dimensions]
                 with _cache_in_place(numba) as cache:
-                    _law_kernels[key] = numba.cfunc(
-                        numba.void(*arrays), cache=cache, nopython=True, error_model="numpy"
-                    )(function)
+                    compiled = numba.cfunc(numba.void(*arrays), cache=cache, nopython=True, error_model="numpy")(
+                        function
+                    )
+                compiled._numba_type_ = numba.typeof(compiled)  # else it is found in every call that takes it along
+                _law_kernels[key] = compiled
         return _law_kernels[key]
 
 
