@@ -88,6 +88,7 @@ class Block:
     faces: Tissue  # at the crossed faces
     parts: tuple[Part, ...]
     part_faces: tuple[Array, ...]  # faces of the grid on each part
+    vertex_areas: Array  # (parts, vertices), see `parts.vertex_areas`
     degrees_of_freedom: DegreesOfFreedom
     diamonds: Diamonds
     outside: Outside

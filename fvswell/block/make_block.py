@@ -16,7 +16,7 @@ from fvswell.block.laws import cell_law, face_law, solid_law
 from fvswell.block.mechanics import block_solid
 from fvswell.block.outside import Outside, crossed_parts, make_outside
 from fvswell.block.part_checks import check_parts
-from fvswell.block.parts import faces_of_parts
+from fvswell.block.parts import faces_of_parts, vertex_areas
 from fvswell.block.stabilisation import STRENGTH, alternating_storage
 from fvswell.block.transport import transport_tables
 from fvswell.boundary.parts import LOADED, Part
@@ -79,8 +79,9 @@ def make_block(
     pattern = JacobianPattern(grid, crossed, outside, unknown, pressed_faces, storage, balances)
     return Block(
         grid=grid, model=model, cells=cells, faces=own, parts=tuple(parts), part_faces=of_parts,
-        degrees_of_freedom=unknown, diamonds=crossed, outside=outside, solid=block_solid(grid, solid),
-        solid_class=type(solid.solid), stabilisation=storage, tables=tables, pattern=pattern,
+        vertex_areas=vertex_areas(grid, parts, of_parts), degrees_of_freedom=unknown, diamonds=crossed,
+        outside=outside, solid=block_solid(grid, solid), solid_class=type(solid.solid), stabilisation=storage,
+        tables=tables, pattern=pattern,
         solver=DirectSolver(pattern.rows, pattern.columns, unknown_places(grid, unknown, outside, balances)),
         pressed_faces=pressed_faces, part_of_face=np.repeat(pressed, [len(of_parts[i]) for i in pressed]).astype(int),
         of_vertex=np.ascontiguousarray(unknown.of_vertex, dtype=np.int64), concentration=concentration,

@@ -75,7 +75,7 @@ def _of_parts(parts: Sequence[Part], given: Mapping[str, float], concentration: 
 def _without_gaps(loads: PartLoads) -> PartLoads:
     """What is not prescribed is zero, but for displacements."""
     zeroed = {
-        kind: np.nan_to_num(values)
+        kind: np.where(np.isnan(values), 0.0, values)
         for kind, values in loads._asdict().items()
         if kind not in ("displacement", "tangential_displacement")
     }

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fvswell.block.geometry import edge_pressure_forces
 from fvswell.block.grid import BlockGrid
 from fvswell.boundary.parts import Part
-from fvswell.boundary.sides import EDGE_AXIS
+from fvswell.boundary.sides import EDGE_AXIS, OUTWARD
 from fvswell.physics.tissue import Array
 
-__all__ = ["SAME_PLACE", "edge_places", "faces_of_parts", "nearest_lines"]
+__all__ = ["SAME_PLACE", "edge_places", "faces_of_parts", "nearest_lines", "vertex_areas"]
 
 SAME_PLACE = 1e-9  # of the length of an edge: places that are closer are one
 
@@ -51,3 +52,16 @@ def faces_of_parts(grid: BlockGrid, parts: Sequence[Part]) -> tuple[Array, ...]:
     if problems:
         raise ValueError("; ".join(problems))
     return tuple(faces)
+
+
+def vertex_areas(grid: BlockGrid, parts: Sequence[Part], faces: Sequence[Array]) -> Array:
+    """Areas of the parts in the stress-free solid that belong to each vertex, ``(parts, vertices)`` mm2; 0 on an axis.
+
+    They are projected on the direction of the edge: a unit pressure presses as much on the vertex.
+    """
+    areas = np.zeros((len(parts), grid.vertices.shape[1]))
+    for area, part, own in zip(areas, parts, faces, strict=True):
+        ends, axis = grid.face_vertices[:, own], EDGE_AXIS[part.edge]
+        forces = edge_pressure_forces(grid.section, *grid.vertices[:, ends])[2 * axis : 2 * axis + 2]
+        area[:] = -OUTWARD[part.edge] * np.bincount(ends.ravel(), np.concatenate(forces), len(area))
+    return areas

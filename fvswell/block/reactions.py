@@ -40,10 +40,10 @@ def part_displacements(block: Block, displacements: Array) -> Array:
     The mean is over the area of the stress-free solid; on an axis over its vertices.
     """
     means = []
-    for index, (part, unit) in enumerate(zip(block.parts, _unit_forces(block), strict=True)):
-        weights = np.abs(unit)
-        if not weights.any():
-            weights[block.grid.face_vertices[:, block.part_faces[index]]] = 1.0
+    for part, faces, area in zip(block.parts, block.part_faces, block.vertex_areas, strict=True):
+        weights = (
+            area if area.any() else np.isin(np.arange(len(area)), block.grid.face_vertices[:, faces]).astype(float)
+        )
         means.append(displacements[..., EDGE_AXIS[part.edge], :] @ weights / weights.sum())
     return np.stack(means, axis=-1)
 
@@ -54,14 +54,14 @@ def part_forces(block: Block, state: BlockState, loads: PartLoads) -> Array:
     own, baths = (_pressure_forces(block, state.positions, of) for of in (loads.pressure, loads.bath_pressure))
     pressed = sum((*own, *baths), np.zeros_like(held))
     forces = loads.pressure * part_areas(block, state.positions)
-    units = _unit_forces(block)
+    areas = block.vertex_areas
     for index, part in enumerate(block.parts):
-        if not _holds(part) or not units[index].any():
+        if not _holds(part) or not areas[index].any():
             continue
         beside = [k for k, other in enumerate(block.parts) if other.edge == part.edge and _holds(other)]
-        axis, total = EDGE_AXIS[part.edge], sum((units[k] for k in beside), np.zeros(held.shape[1]))
-        reaction = held[axis] - pressed[axis] + sum((own[k][axis] for k in beside), np.zeros(held.shape[1]))
-        share = np.divide(units[index], total, out=np.zeros_like(total), where=total != 0.0)
+        axis, total = EDGE_AXIS[part.edge], areas[beside].sum(axis=0)
+        reaction = held[axis] - pressed[axis] + sum(own[k][axis] for k in beside)
+        share = np.divide(areas[index], total, out=np.zeros_like(total), where=total != 0.0)
         forces[index] = -OUTWARD[part.edge] * float(share @ reaction)
     return forces
 
@@ -84,13 +84,10 @@ def _pressure_forces(block: Block, positions: Array, pressures: Array) -> list[A
     """Forces of the pressures on each part at the vertices, ``(2, vertices)`` each."""
     found = []
     for faces, pressure in zip(block.part_faces, pressures, strict=True):
+        if pressure == 0.0:
+            found.append(np.zeros_like(positions))
+            continue
         ends, count = block.grid.face_vertices[:, faces], positions.shape[1]
         forces = np.stack(edge_pressure_forces(block.grid.section, *positions[:, ends])).reshape(2, -1)
         found.append(pressure * np.stack([np.bincount(ends.ravel(), force, count) for force in forces]))
     return found
-
-
-def _unit_forces(block: Block) -> list[Array]:
-    """Normal forces of a unit pressure on each part of the stress-free solid at the vertices, ``(vertices,)`` each."""
-    forces = _pressure_forces(block, block.grid.vertices, np.ones(len(block.parts)))
-    return [force[EDGE_AXIS[part.edge]] for force, part in zip(forces, block.parts, strict=True)]
