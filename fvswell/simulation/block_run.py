@@ -124,7 +124,7 @@ class BlockRun:
             phases.append([held.get(name) for name in self.body.load_names])
         return phases
 
-    def protocol(self, durations: Sequence[float], times: Sequence[float] | None = None) -> Protocol:
+    def protocol(self, durations: Sequence[float], times: Sequence[float] | Array | None = None) -> Protocol:
         """Protocol with phases of given durations; ``times`` are outputs to record instead of the case's own."""
         due: Any = output_times(self.case, durations) if times is None else np.asarray(times)
         return make_protocol(self.loads(), durations, due)
