@@ -141,7 +141,7 @@ def many_columns() -> list[str]:
                     "tissue.cation_diffusivity": 5e-4 * 10 ** draw.uniform(-0.7, 0.7),
                     "tissue.anion_diffusivity": 8e-4 * 10 ** draw.uniform(-0.7, 0.7),
                     "tissue.hydraulic_permeability": 10 ** draw.uniform(-3.7, -2.3),
-                    "phase.loading.piston_pressure": draw.uniform(0.05, 0.3),
+                    "phase.loading.piston.pressure": draw.uniform(0.05, 0.3),
                     "time": {"scheme": "backward-euler", "steps_per_phase": 50},
                 }
             )

@@ -58,7 +58,7 @@ def changed(file: str, changes: dict[str, Any]) -> Case:
 
 def one_phase(loads: dict[str, Any], duration: float, changes: dict[str, Any]) -> Case:
     """Reference tissue under one step."""
-    phase = {"name": "step", "duration": duration, "piston_pressure": 0.0} | loads
+    phase = {"name": "step", "duration": duration, "piston": {"pressure": 0.0}} | loads
     return changed("confined_compression", {"phase": [phase]} | changes)
 
 
@@ -120,7 +120,7 @@ def linear_response(model: str, key: str, rest: float, step: float, times: Array
 
 
 STEPS = {
-    "load": ("piston_pressure", 0.0, 2e-3, "delta_pressure", 1e-3, "load of 1 kPa"),
+    "load": ("piston", 0.0, 2e-3, "delta_pressure", 1e-3, "load of 1 kPa"),
     "bath": ("bath_concentration", 1.5e-4, -1e-6, "delta_concentration", -1e-6, "bath weaker by 1 mM"),
 }
 
@@ -192,7 +192,7 @@ def orders() -> plt.Figure:
 
 def _time_orders(axis: plt.Axes) -> None:
     """Ramp of the load to 0.2 MPa in 300 s on 6 cells, against steps sixteen times shorter than the shortest shown."""
-    ramp = {"piston_pressure": {"ramp_to": 0.2, "over": 300.0}}
+    ramp = {"piston": {"pressure": {"ramp_to": 0.2, "over": 300.0}}}
     grid = {"geometry.cells": 6, "geometry.grading": 1}
     counts = np.array([20, 40, 80, 160])
 

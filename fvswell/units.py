@@ -50,6 +50,7 @@ class Dimension:
 DIMENSIONS: dict[str, Dimension] = {
     "length": Dimension("mm", '"0.5 mm"'),
     "time": Dimension("s", '"10 min"'),
+    "area": Dimension("mm^2", '"20 mm^2"'),
     "force": Dimension("N", '"2 N"'),
     "pressure": Dimension("MPa", '"0.5 MPa"'),
     "hydraulic permeability": Dimension("mm^4/(N s)", '"1e-3 mm^4/(N s)"'),
@@ -58,6 +59,8 @@ DIMENSIONS: dict[str, Dimension] = {
     "volume per charge": Dimension("mm^3/mmol", '"500 mm^3/meq"'),
     "temperature": Dimension("K", '"298 K"'),
     "electric potential": Dimension("mV", '"30 mV"'),
+    "electric current": Dimension("A", '"0.1 mA"'),
+    "current density": Dimension("A/mm^2", '"0.1 mA/cm^2"'),
     PLAIN_NUMBER: Dimension("", "0.5"),
 }
 

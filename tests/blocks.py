@@ -28,7 +28,7 @@ GLUED = {
     "left": EdgeCondition("roller"),
     "right": EdgeCondition("free", permeable=True),
     "bottom": EdgeCondition("fixed"),
-    "top": EdgeCondition("tied"),
+    "top": EdgeCondition("straight"),
 }
 UNCONFINED = GLUED | {"bottom": EdgeCondition("roller")}
 FREE = UNCONFINED | {"top": EdgeCondition("free", permeable=True)}

@@ -45,7 +45,7 @@ def impossible_compression() -> Case:
         model="biphasic",
         phase__loading__duration=10.0,
         phase__unloading__duration=10.0,
-        phase__loading__piston_displacement={"ramp_to": -0.35, "over": 5.0},
+        phase__loading__piston__displacement={"ramp_to": -0.35, "over": 5.0},
     )
 
 

@@ -24,6 +24,7 @@ from fvswell.analysis.histories import (
     profile_at,
     rounding_of,
 )
+from fvswell.case.acting_loads import acting_loads
 from fvswell.case.case import MODELS, Case, CaseError
 from fvswell.case.errors import Problem
 from fvswell.physics.tissue import Array
@@ -275,14 +276,11 @@ def compared_quantities(case: Case, result: xr.Dataset) -> list[str]:
     result
         Of the reference.
     """
-    geometry = case.geometry
-    free = max(geometry.histories, key=lambda name: float(np.ptp(result[name].values)))
-    quantities, moved = [], set[str]()
-    for phase in case.phase:
-        for name in phase.loads():
-            part, _, kind = name.partition(".")
-            moved = moved | {part} if kind == "displacement" else moved - {part}
-        quantities.append(next((pressure for part, pressure in geometry.pressures.items() if part in moved), free))
+    free = max(case.geometry.histories, key=lambda name: float(np.ptp(result[name].values)))
+    quantities = []
+    for acting in acting_loads(case):
+        moved = [part.name for part in case.parts if f"{part.name}.displacement" in acting]
+        quantities.append(f"{moved[0]}_pressure" if moved else free)
     return quantities
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -94,12 +94,15 @@ def ranges_about(case: Case, spread: float) -> Study:
     varied = {name: ([f"tissue.{name}"], content["tissue"].get(name)) for name in _VARIED}
     loads = {("bath_concentration", case.bath.concentration): ["bath.concentration"]}
     for phase in content["phase"]:
-        for name in ("piston_pressure", "bath_concentration"):
-            if isinstance(phase.get(name), float):
-                loads.setdefault((name, phase[name]), []).append(f"phase.{phase['name']}.{name}")
+        given = {f"{part}.{kind}": load for part, own in phase.items() if isinstance(own, Mapping)
+                 for kind, load in own.items()}  # fmt: skip
+        for name, load in {**phase, **given}.items():
+            if isinstance(load, float) and name != "duration":
+                loads.setdefault((name, load), []).append(f"phase.{phase['name']}.{name}")
     for (name, value), keys in loads.items():
         _, phase_name, *rest = keys[0].split(".")
-        varied[f"{name}_in_{re.sub(r'[^A-Za-z0-9]', '_', phase_name)}" if rest else name] = keys, value
+        quantity = name.replace(".", "_")
+        varied[f"{quantity}_in_{re.sub(r'[^A-Za-z0-9]', '_', phase_name)}" if rest else quantity] = keys, value
     study = {
         "title": case.title,
         "parameter": [

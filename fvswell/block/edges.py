@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from fvswell.block.grid import BlockGrid
+from fvswell.boundary.parts import Mechanical
 from fvswell.boundary.sides import EDGE_AXIS, EDGES
 from fvswell.physics.tissue import Array
 
@@ -32,7 +33,7 @@ class EdgeCondition:
     The vertices of a tied edge share one normal displacement, so that it stays straight, and slide along it freely.
     """
 
-    displacement: Literal["fixed", "roller", "free", "tied"]
+    displacement: Mechanical
     permeable: bool = False
 
 
@@ -66,9 +67,9 @@ def drive_names(edges: Mapping[str, EdgeCondition]) -> tuple[str, ...]:
     """
     names = ["bath"]
     for edge in EDGES:
-        if edges[edge].displacement in ("free", "tied"):
+        if edges[edge].displacement in ("free", "straight"):
             names.append(f"{edge}.pressure")
-        if edges[edge].displacement == "tied":
+        if edges[edge].displacement == "straight":
             names += [f"{edge}.force", f"{edge}.displacement"]
     return tuple(names)
 
@@ -106,19 +107,17 @@ def check_edges(rings: bool, edges: Mapping[str, EdgeCondition]) -> list[str]:
     problems = []
     if rings and (edges["left"].displacement != "roller" or edges["left"].permeable):
         problems.append("the left edge is the axis of the disc: it has to be a roller and impermeable")
-    if not any(edge.permeable for edge in edges.values()):
-        problems.append("no edge is permeable: at least one has to be open to the bath")
     for edge, condition in edges.items():
-        if condition.displacement == "tied":
+        if condition.displacement == "straight":
             problems += [
-                f"the {edge} edge is tied to move as one, but ends at the {neighbour} edge, which is fixed"
+                f"the {edge} edge is straight, but ends at the {neighbour} edge, which is fixed"
                 for neighbour in _NEIGHBOURS[edge]
                 if edges[neighbour].displacement == "fixed"
             ]
     free = _rigid_motions(rings, edges)
     if free:
         problems.append(
-            f"nothing keeps the block from {' or '.join(free)}: make an edge fixed or a roller (a tied edge moves)"
+            f"nothing keeps the block from {' or '.join(free)}: make an edge fixed or a roller (a straight edge moves)"
         )
     return problems
 
@@ -141,7 +140,7 @@ def degrees_of_freedom(grid: BlockGrid, edges: Mapping[str, EdgeCondition]) -> D
     of_vertex = np.arange(grid.vertices.size).reshape(grid.vertices.shape)
     for edge, condition in edges.items():
         vertices = grid.edge_vertices(edge)
-        if condition.displacement == "tied":
+        if condition.displacement == "straight":
             of_vertex[EDGE_AXIS[edge], vertices] = of_vertex[EDGE_AXIS[edge], vertices[0]]
     for edge, condition in edges.items():
         vertices = grid.edge_vertices(edge)
@@ -155,6 +154,6 @@ def degrees_of_freedom(grid: BlockGrid, edges: Mapping[str, EdgeCondition]) -> D
     tied = {
         edge: int(of_vertex[EDGE_AXIS[edge], grid.edge_vertices(edge)[0]])
         for edge, condition in edges.items()
-        if condition.displacement == "tied"
+        if condition.displacement == "straight"
     }
     return DegreesOfFreedom(len(used) - first, of_vertex, tied)

@@ -59,7 +59,7 @@ def make_block(
         raise ValueError("; ".join(problems))
     crossed = diamonds(grid, [edge for edge in EDGES if edges[edge].permeable])
     unknown = degrees_of_freedom(grid, edges)
-    loaded = [i for i, edge in enumerate(EDGES) if edges[edge].displacement in ("free", "tied")]
+    loaded = [i for i, edge in enumerate(EDGES) if edges[edge].displacement in ("free", "straight")]
     modulus = np.broadcast_to(shear_modulus(cells.solid, cells.fluid_fraction), grid.cells)
     storage = alternating_storage(grid, modulus, stabilisation)
     edge_faces = np.concatenate([np.zeros(0, dtype=int), *(grid.edges[EDGES[i]] for i in loaded)])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -11,7 +10,7 @@ from fvswell.boundary.sides import EDGE_AXIS, EDGES, OUTWARD
 from fvswell.case.errors import Finding
 from fvswell.case.geometry import BlockGeometry
 from fvswell.case.schema import CaseTable
-from fvswell.case.values import Ramp, RelaxationTimes, final_value
+from fvswell.case.values import RelaxationTimes, final_value
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.models import MODELS
 from fvswell.physics.tissue import Array, Tissue
@@ -19,7 +18,6 @@ from fvswell.physics.tissue import Array, Tissue
 __all__ = ["edge_conditions", "edge_loads"]
 
 _LARGEST_ASPECT_RATIO = 1e5  # of a cell
-_LOADED = {"pressure": ("free", "tied"), "force": ("tied",), "displacement": ("tied",)}
 
 
 def edge_conditions(case: CaseTable) -> Iterator[Finding]:
@@ -27,14 +25,12 @@ def edge_conditions(case: CaseTable) -> Iterator[Finding]:
     from fvswell.block.edges import EdgeCondition, check_edges  # takes scipy along, which columns need not wait for
 
     geometry = _geometry(case)
-    conditions = {}
-    for name in EDGES:
-        edge = getattr(geometry.edges, name)
-        conditions[name] = EdgeCondition(edge.displacement, edge.permeable)
+    conditions = {part.edge: EdgeCondition(part.mechanical, part.open) for part in case.parts}
+    if missing := [edge for edge in EDGES if edge not in conditions]:
+        yield Finding(("boundary",), f"no part covers the {' or '.join(missing)} edge")
+        return
     for problem in check_edges(geometry.kind == "axisymmetric", conditions):
-        yield Finding(("geometry", "edges"), problem)
-    for edge in EDGES:
-        yield from _wrong_loads(case, edge)
+        yield Finding(("boundary",), problem)
     width, height = geometry.extent
     if geometry.probe is not None and (geometry.probe[0] > width or geometry.probe[1] > height):
         yield Finding(("geometry", "probe"), f"lies outside the block, which is {width:g} mm x {height:g} mm")
@@ -60,15 +56,17 @@ def edge_loads(case: CaseTable, tissue: Tissue, points: Array) -> Iterator[Findi
     """
     free = equilibrium_volume_ratio(MODELS[case.model].tissue(tissue), 0.0, case.bath.concentration)
     stretch = max(1.0, float(np.nan_to_num(free).max()))
+    edges = {part.name: part.edge for part in case.parts}
     for index, phase in enumerate(case.phase):
         for name, load in phase.loads().items():
-            edge, _, kind = name.partition(".")
-            if kind != "displacement":
+            part, _, kind = name.partition(".")
+            edge = edges.get(part)
+            if kind != "displacement" or edge is None:
                 continue
             extent = stretch * _geometry(case).extent[EDGE_AXIS[edge]]
             if -OUTWARD[edge] * final_value(load) >= extent:
                 yield Finding(
-                    ("phase", index, edge, kind),
+                    ("phase", index, part, kind),
                     f"moves the edge through the block, which is less than {extent:.3g} mm thick in equilibrium",
                 )
 
@@ -76,30 +74,3 @@ def edge_loads(case: CaseTable, tissue: Tissue, points: Array) -> Iterator[Findi
 def _geometry(case: CaseTable) -> BlockGeometry:
     assert isinstance(case.geometry, BlockGeometry)
     return case.geometry
-
-
-def _wrong_loads(case: CaseTable, edge: str) -> Iterator[Finding]:
-    """Loads that an edge cannot take, jumps of its displacement, and ramps that outlast their phase."""
-    condition = getattr(_geometry(case).edges, edge).displacement
-    left: float | None = 0.0  # the displacement that the previous phase leaves, None where only a run can find it
-    for index, phase in enumerate(case.phase):
-        given = phase.loads()
-        loads = {kind: given[f"{edge}.{kind}"] for kind in _LOADED if f"{edge}.{kind}" in given}
-        if not loads:
-            left = left if index else None  # a load goes on
-            continue
-        for kind, load in loads.items():
-            if condition not in _LOADED[kind]:
-                yield Finding(
-                    ("phase", index, edge, kind),
-                    f"the edge is {condition}: it can be given for {' or '.join(_LOADED[kind])}",
-                )
-            if isinstance(load, Ramp) and isinstance(phase.duration, float) and load.over > phase.duration:
-                yield Finding(("phase", index, edge, kind), load.longer_than(phase.duration))
-        displacement = loads.get("displacement")
-        if isinstance(displacement, float) and (left is None or not math.isclose(displacement, left)):
-            yield Finding(
-                ("phase", index, edge, "displacement"),
-                f"jumps, which needs infinite pressure: use {{ramp_to = {displacement:g}, over = ...}}",
-            )
-        left = None if displacement is None else final_value(displacement)

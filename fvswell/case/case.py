@@ -89,7 +89,7 @@ class Case(CaseTable):
         changes
             New values by dotted key, set in this order, such as
             ``{"tissue.hindrance_factor": 0.0, "model": "biphasic"}``. A phase goes by its name or its number
-            from 0: ``"phase.loading.piston_pressure"``, ``"phase.0.duration"``. None takes a key away. A key
+            from 0: ``"phase.loading.piston.pressure"``, ``"phase.0.duration"``. None takes a key away. A key
             that excludes another one takes its place. Output that is written as ``time.scheme`` has it by default
             still is if that is changed.
 

@@ -11,7 +11,7 @@ from fvswell.case.tables import Table, inner_tables
 __all__ = ["changed_content", "with_numbers"]
 
 _Root = TypeVar("_Root", bound=Table)
-_DERIVED = ("_content", "sha256")  # what a case has worked out, and keeps
+_DERIVED = ("_content", "sha256", "parts")  # what a case has worked out, and keeps
 
 
 def changed_content(

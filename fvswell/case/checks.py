@@ -3,35 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import numpy as np
 
 from fvswell.case.block_checks import edge_conditions, edge_loads
-from fvswell.case.column_checks import lost_water, piston_jumps
+from fvswell.case.column_checks import lost_water
 from fvswell.case.errors import Finding
+from fvswell.case.load_checks import load_findings
 from fvswell.case.profiles import DepthProfile, PlaneProfile
 from fvswell.case.schema import CaseTable
-from fvswell.physics.tissue import Array, Tissue
+from fvswell.physics.tissue import Tissue
 
 __all__ = ["check_case"]
 
 _ROUNDING = 1e-12
 
 
-class _GeometryChecks(NamedTuple):
-    """What is wrong with a case of one geometry: its conditions, and its loads on the tissue at sampled points."""
-
-    conditions: Callable[[CaseTable], Iterator[Finding]]
-    loads: Callable[[CaseTable, Tissue, Array], Iterator[Finding]]
-
-
-_CHECKS = {
-    "column": _GeometryChecks(piston_jumps, lost_water),
-    "plane-strain": _GeometryChecks(edge_conditions, edge_loads),
-    "axisymmetric": _GeometryChecks(edge_conditions, edge_loads),
-}
+_BLOCKS = ("plane-strain", "axisymmetric")
 
 
 def check_case(case: CaseTable) -> list[Finding]:
@@ -43,8 +32,9 @@ def check_case(case: CaseTable) -> list[Finding]:
 def _findings(case: CaseTable) -> Iterator[Finding]:
     yield from _repeated_names(case)
     yield from _times_beyond_end(case)
-    checks = _CHECKS[case.geometry.kind]
-    yield from checks.conditions(case)
+    if case.geometry.kind in _BLOCKS:
+        yield from edge_conditions(case)
+    yield from load_findings(case)
     varying = {key: value for key, value in case.tissue if isinstance(value, DepthProfile | PlaneProfile)}
     foreign = [key for key, value in varying.items() if not isinstance(value, case.geometry.profile)]
     for key in foreign:
@@ -54,7 +44,8 @@ def _findings(case: CaseTable) -> Iterator[Finding]:
     points = case.geometry.sample_points(list(varying.values()))
     tissue = case.tissue.at(case.geometry.coordinates(points), case.bath)
     problems = list(_osmotic_problems(case, tissue))
-    yield from problems or checks.loads(case, tissue, points)
+    loads = edge_loads if case.geometry.kind in _BLOCKS else lost_water
+    yield from problems or loads(case, tissue, points)
 
 
 def _osmotic_problems(case: CaseTable, tissue: Tissue) -> Iterator[Finding]:

@@ -1,44 +1,30 @@
-"""Whether the loads of a column are possible: the piston does not jump, and every load leaves water in the tissue."""
+"""Whether the loads of a column leave water in the tissue."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from fvswell.case.errors import Finding
-from fvswell.case.phases import ColumnPhase
+from fvswell.case.acting_loads import acting_loads, reference_bath
+from fvswell.case.errors import Finding, Location
 from fvswell.case.schema import CaseTable
-from fvswell.case.values import final_value
+from fvswell.case.values import Ramp, final_value
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.models import MODELS
 from fvswell.physics.osmotic import osmotic_pressure_difference
 from fvswell.physics.solids import uniaxial_stress
 from fvswell.physics.tissue import Array, Tissue
 
-__all__ = ["lost_water", "piston_jumps"]
+__all__ = ["lost_water"]
 
 _State = tuple[float, float]  # pressure of the piston, concentration of the bath
 
 _NEXT_TO_NO_WATER = 1e-6  # of the water in the stress-free solid
 _BISECTIONS = 40
 _DIGITS = 3
-
-
-def piston_jumps(case: CaseTable) -> Iterator[Finding]:
-    """Steps of the piston's displacement, which an incompressible mixture takes at infinite pressure only."""
-    left: float | None = 0.0  # where the previous phase leaves the piston, None where only a run can find it
-    for index, phase in _phases(case):
-        given = phase.piston_displacement
-        if isinstance(given, float) and (left is None or not math.isclose(given, left)):
-            place = "where the pressure left it" if left is None else f"at {left:g} mm"
-            yield Finding(
-                ("phase", index, "piston_displacement"),
-                f"the piston stands {place} and a jump would need infinite pressure: use "
-                f"{{ramp_to = {given:g}, over = ...}}",
-            )
-        left = None if given is None else final_value(given)
 
 
 def lost_water(case: CaseTable, tissue: Tissue, depth: Array) -> Iterator[Finding]:
@@ -54,13 +40,16 @@ def lost_water(case: CaseTable, tissue: Tissue, depth: Array) -> Iterator[Findin
         Increasing, mm from the filter, ``(points,)``.
     """
     tissue = MODELS[case.model].tissue(tissue)
+    reference = reference_bath(case.parts)
+    if reference is None:
+        return  # reported of the boundary
     start = (0.0, case.bath.concentration)
     loads: dict[int, _State] = {}  # at the end of each phase under pressure
-    bath = case.bath.concentration
-    for index, phase in _phases(case):
-        bath = bath if phase.bath_concentration is None else final_value(phase.bath_concentration)
-        if phase.piston_pressure is not None:
-            loads[index] = (final_value(phase.piston_pressure), bath)
+    acting = acting_loads(case)
+    for index, each in enumerate(acting):
+        if (pressure := piston_pressure(case, each)) is not None:
+            bath = final_value(each[f"{reference.name}.bath_concentration"])
+            loads[index] = (final_value(pressure), bath)
     states = [start, *loads.values()]
     if not _clearly_hold_water(tissue, states):
         lost = [bool(np.isnan(J).any()) for J in _volume_ratios(tissue, states)]
@@ -69,14 +58,25 @@ def lost_water(case: CaseTable, tissue: Tissue, depth: Array) -> Iterator[Findin
             return
         for (index, state), gone in zip(loads.items(), lost[1:], strict=True):
             if gone:
-                yield Finding(("phase", index, "piston_pressure"), _largest_load(tissue, *state))
-    yield from _too_low_pistons(case, tissue, depth)
+                yield Finding(_place(case, index), _largest_load(tissue, *state))
+    yield from _too_low_pistons(case, acting, tissue, depth)
 
 
-def _phases(case: CaseTable) -> Iterator[tuple[int, ColumnPhase]]:
-    for index, phase in enumerate(case.phase):
-        assert isinstance(phase, ColumnPhase)
-        yield index, phase
+def piston_pressure(case: CaseTable, acting: Mapping[str, float | Ramp]) -> float | Ramp | None:
+    """Pressure of the piston, also where a force on its area gives it; None where it is found."""
+    force: Any = acting.get("piston.force")
+    if force is None:
+        return acting.get("piston.pressure")
+    geometry: Any = case.geometry
+    area: float = geometry.area
+    return force._replace(ramp_to=force.ramp_to / area) if isinstance(force, Ramp) else force / area
+
+
+def _place(case: CaseTable, index: int) -> Location:
+    """What a phase gives of the piston's load, or the phase."""
+    given = (name for name in case.phase[index].loads() if name in ("piston.pressure", "piston.force"))
+    name = next(given, "")
+    return ("phase", index, *name.split(".")) if name else ("phase", index)
 
 
 def _clearly_hold_water(tissue: Tissue, states: list[_State]) -> bool:
@@ -122,10 +122,12 @@ def _rounded_down(value: float) -> float:
     return math.trunc(value * scale) / scale
 
 
-def _too_low_pistons(case: CaseTable, tissue: Tissue, depth: Array) -> Iterator[Finding]:
+def _too_low_pistons(
+    case: CaseTable, acting: Sequence[Mapping[str, float | Ramp]], tissue: Tissue, depth: Array
+) -> Iterator[Finding]:
     """Displacements that would leave no room for water beside the solid."""
-    given = {index: phase.piston_displacement for index, phase in _phases(case)}
-    displacements = {index: final_value(load) for index, load in given.items() if load is not None}
+    loads = {index: each.get("piston.displacement") for index, each in enumerate(acting)}
+    displacements = {index: final_value(load) for index, load in loads.items() if load is not None}
     if not displacements:
         return
     height = case.geometry.height
@@ -135,7 +137,7 @@ def _too_low_pistons(case: CaseTable, tissue: Tissue, depth: Array) -> Iterator[
         left = free + displacement
         if left <= solid:
             yield Finding(
-                ("phase", index, "piston_displacement"),
+                ("phase", index, "piston", "displacement"),
                 f"leaves a height of {left:.3g} mm of the {free:.3g} mm in equilibrium, but the solid alone takes "
                 f"{solid:.3g} mm: must be above {solid - free:.3g} mm",
             )

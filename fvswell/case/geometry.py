@@ -6,16 +6,19 @@ Whatever depends on the geometry asks it: which phases it has, what its parts ar
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag
 
+from fvswell.boundary.parts import Part
 from fvswell.boundary.sides import EDGES
+from fvswell.case.boundary import BlockBoundary, Boundary, ColumnBoundary
 from fvswell.case.phases import BlockPhase, ColumnPhase, Phase
 from fvswell.case.profiles import Coordinates, DepthProfile, PlaneProfile, Profile
 from fvswell.case.tables import Table, variant
-from fvswell.case.values import Choice, Count, Counts, Flag, Names, Point, Quantity
+from fvswell.case.values import Count, Counts, Names, Point, Quantity
 from fvswell.numerics.graded_grid import graded_nodes
 from fvswell.physics.tissue import Array
 
@@ -24,8 +27,6 @@ __all__ = [
     "AxisymmetricGeometry",
     "BlockGeometry",
     "ColumnGeometry",
-    "Edge",
-    "Edges",
     "Geometry",
     "PlaneStrainGeometry",
 ]
@@ -39,10 +40,10 @@ class Geometry(Table):
 
     kind: str
     phases: ClassVar[type[Phase]]
+    boundary: ClassVar[type[Boundary]]
     profile: ClassVar[type[DepthProfile | PlaneProfile]]  # how properties of the tissue may vary
     profile_example: ClassVar[str]
     histories: ClassVar[tuple[str, ...]]  # fields that say how far the sample has gone; the largest counts
-    pressures: ClassVar[dict[str, str]]  # field with the pressure on each part of the boundary that can be moved
 
     @abstractmethod
     def coordinates(self, points: Array) -> Coordinates:
@@ -55,6 +56,10 @@ class Geometry(Table):
         """
 
     @abstractmethod
+    def parts(self, boundary: Any) -> tuple[Part, ...]:
+        """Parts of the boundary, from the table that the geometry has for it."""
+
+    @abstractmethod
     def sample_points(self, profiles: list[Profile]) -> Array:
         """Points at which to check the tissue: an even grid and the knots of all profiles."""
 
@@ -63,14 +68,17 @@ class ColumnGeometry(Geometry):
     """A column between a filter (bottom) and a piston (top), deforming along its axis only."""
 
     phases = ColumnPhase
+    boundary = ColumnBoundary
     profile = DepthProfile
     profile_example = "in a column give {depth = [...], value = [...]}"
     histories = ("global_strain",)
-    pressures: ClassVar[dict[str, str]] = {"piston": "applied_pressure"}
 
     kind: Literal["column"] = Field(description="A column under a piston, on a filter open to the bath.")
     height: Annotated[float, Quantity("length", above=0.0)] = Field(
         description="Height of the stress-free solid (J = 1)."
+    )
+    area: Annotated[float | None, Quantity("area", above=0.0)] = Field(
+        default=None, description="Area of the cross-section; where it is given, the result has forces."
     )
     cells: Annotated[int, Count(2, 10_000)] = Field(default=50, description="Number of cells over the height.")
     grading: Annotated[float, Quantity(at_least=1.0, at_most=_LARGEST_GRADING)] = Field(
@@ -81,6 +89,10 @@ class ColumnGeometry(Geometry):
         """Depths, mm from the filter."""
         return {"depth": points}
 
+    def parts(self, boundary: ColumnBoundary) -> tuple[Part, ...]:
+        """The filter and the piston."""
+        return boundary.parts()
+
     def sample_points(self, profiles: list[Profile]) -> Array:
         """Depths: the nodes of an even grid and the knots; one is enough where nothing varies."""
         if not profiles:
@@ -89,33 +101,14 @@ class ColumnGeometry(Geometry):
         return np.union1d(np.linspace(0.0, self.height, self.cells + 1), knots[knots <= self.height])
 
 
-class Edge(Table):
-    """An edge of a block."""
-
-    displacement: Annotated[str, Choice(("fixed", "roller", "free", "tied"))] = Field(
-        description="fixed: held in both directions; roller: no displacement along the normal; free; tied: free to "
-        "move along the normal, but as one straight line."
-    )
-    permeable: Annotated[bool, Flag()] = Field(default=False, description="Whether the edge is open to the bath.")
-
-
-class Edges(Table):
-    """The edges of a block; of a disc, the left one is the axis: a roller, impermeable."""
-
-    left: Edge
-    right: Edge
-    bottom: Edge
-    top: Edge
-
-
 class BlockGeometry(Geometry):
     """What plane strain and axisymmetry share."""
 
     phases = BlockPhase
+    boundary = BlockBoundary
     profile = PlaneProfile
     profile_example = "in a block give {x = [...], y = [...], value = [[...]]}"
     histories = ("probe_displacement_x", "probe_displacement_y")
-    pressures: ClassVar[dict[str, str]] = {edge: f"{edge}_pressure" for edge in EDGES}
 
     height: Annotated[float, Quantity("length", above=0.0)] = Field(
         description="Height of the stress-free solid (J = 1)."
@@ -127,12 +120,13 @@ class BlockGeometry(Geometry):
     finest_at: Annotated[tuple[str, ...], Names(EDGES)] = Field(
         default=(), description="Edges at which the smallest cells lie."
     )
+    former: ClassVar[Mapping[str, str]] = {"edges": "the heading [boundary]"}
+
     probe: Annotated[tuple[float, float] | None, Point()] = Field(
         default=None,
         description="Where the displacement is compared between models; the nearest vertex is taken. Without it the "
         "top right corner.",
     )
-    edges: Edges
 
     @property
     @abstractmethod
@@ -142,6 +136,10 @@ class BlockGeometry(Geometry):
     def coordinates(self, points: Array) -> Coordinates:
         """Positions along x and y, mm."""
         return {"x": points[0], "y": points[1]}
+
+    def parts(self, boundary: BlockBoundary) -> tuple[Part, ...]:
+        """Edges, or pieces of them, in the order of the file."""
+        return boundary.parts(self.extent, axis=isinstance(self, AxisymmetricGeometry))
 
     def sample_points(self, profiles: list[Profile]) -> Array:
         """The crossings of lines through an even grid and through all knots."""

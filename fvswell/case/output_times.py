@@ -47,7 +47,8 @@ def _within(phase: Phase, duration: float, parts: int) -> Array:
 
     What follows a jump goes as the root of the time since, at first.
     """
-    ramps = {load.over for load in phase.loads().values() if isinstance(load, Ramp) and load.over < duration}
+    loads = (phase.bath_concentration, *phase.loads().values())
+    ramps = {load.over for load in loads if isinstance(load, Ramp) and load.over < duration}
     close = duration / parts * np.append(0.0, np.geomspace(_CLOSEST, 1.0, _CLOSE_TIMES, endpoint=False))
     even = duration * (np.arange(1, parts + 1) / parts)  # the last of them is the duration, to the last digit
     times = np.concatenate([even, *(corner + close for corner in (0.0, *ramps))])

@@ -1,20 +1,74 @@
-"""The phases of a case file: what drives the sample, and for how long."""
+"""The phases of a case file: what acts on the parts of the boundary, and for how long."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar
+from collections.abc import Iterator, Mapping
+from typing import Annotated, ClassVar
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import ConfigDict, Field
 
-from fvswell.boundary.sides import EDGES
 from fvswell.case.tables import Table
 from fvswell.case.values import Duration, Load, Name, Quantity, Ramp, RelaxationTimes
 
-__all__ = ["BlockPhase", "ColumnPhase", "EdgeLoad", "Phase"]
+__all__ = ["BlockPartLoads", "BlockPhase", "ColumnPartLoads", "ColumnPhase", "PartLoads", "Phase"]
+
+
+class PartLoads(Table):
+    """What acts on a part of the boundary, whatever the geometry; what is not given goes on as it is."""
+
+    alternatives: ClassVar[tuple[str, ...]] = ("pressure", "force", "displacement")
+    needs_alternative: ClassVar[bool] = False
+
+    pressure: Annotated[float | Ramp | None, Load(Quantity("pressure"))] = Field(
+        default=None,
+        description="Pressure normal to the part as it moves, positive in compression, of a part that is free, "
+        "straight or a glued plate; the pressure of a bath acts besides.",
+    )
+    force: Annotated[float | Ramp | None, Load(Quantity("force"))] = Field(
+        default=None,
+        description="Total force on a straight part or a glued plate, positive in compression: of a disc, of a block "
+        "1 mm thick, or of a column whose area is given.",
+    )
+    displacement: Annotated[float | Ramp | None, Load(Quantity("length"))] = Field(
+        default=None,
+        description="Displacement of a straight part or a glued plate from the equilibrated sample along its normal, "
+        "positive along x or y, so that a piston or a top edge that compresses moves by a negative one. A jump would "
+        "need infinite pressure, so a plain value can only hold what the previous phase left (0 in the first).",
+    )
+    bath_concentration: Annotated[float | Ramp | None, Load(Quantity("concentration", above=0.0))] = Field(
+        default=None, description="Concentration of the bath of this part, in place of the phase's."
+    )
+    bath_pressure: Annotated[float | Ramp | None, Load(Quantity("pressure"))] = Field(
+        default=None, description="Hydrostatic pressure of the bath of this part; 0 before the first phase."
+    )
+    potential: Annotated[float | Ramp | None, Load(Quantity("electric potential"))] = Field(
+        default=None, description="Electric potential of a part that is given for it, relative to the reference."
+    )
+
+
+class ColumnPartLoads(PartLoads):
+    """What acts on an end of a column; what is not given goes on as it is."""
+
+    current: Annotated[float | Ramp | None, Load(Quantity("current density"))] = Field(
+        default=None, description="Electric current per area through an end that is given for it, into the tissue."
+    )
+
+
+class BlockPartLoads(PartLoads):
+    """What acts on a part of the boundary of a block; what is not given goes on as it is."""
+
+    tangential_displacement: Annotated[float | Ramp | None, Load(Quantity("length"))] = Field(
+        default=None, description="Displacement of a glued plate along itself, positive along x or y."
+    )
+    current: Annotated[float | Ramp | None, Load(Quantity("electric current"))] = Field(
+        default=None,
+        description="Electric current through a part that is given for it, into the tissue: of a disc, or of a block "
+        "1 mm thick.",
+    )
 
 
 class Phase(Table):
-    """A stretch of time with one set of boundary conditions; what every geometry has."""
+    """A stretch of time in which loads act; what every geometry has. A load that is not given goes on as it is."""
 
     name: Annotated[str, Name()] = Field(description="Name of the phase; no two are alike.")
     duration: Annotated[float | RelaxationTimes, Duration()] = Field(
@@ -22,80 +76,42 @@ class Phase(Table):
         "in this phase, see relaxation_fraction."
     )
     bath_concentration: Annotated[float | Ramp | None, Load(Quantity("concentration", above=0.0))] = Field(
-        default=None, description="Concentration of the bath; without it, as the previous phase left it."
+        default=None, description="Concentration of the baths of all open parts; without it, as it was."
     )
 
-    def loads(self) -> dict[str, float | Ramp]:
-        """Loads that the phase gives, by name: "bath", and "PART.QUANTITY" for what acts on a part of the boundary."""
-        return {} if self.bath_concentration is None else {"bath": self.bath_concentration}
+    def part_loads(self) -> Iterator[tuple[str, PartLoads]]:
+        """Parts that the phase names, each with what acts on it."""
+        for name in (*type(self).model_fields, *(self.__pydantic_extra__ or {})):
+            loads = getattr(self, name)
+            if isinstance(loads, PartLoads):
+                yield name, loads
 
-    @field_validator("*")
-    @classmethod
-    def _ramp_within_phase(cls, value: Any, info: ValidationInfo) -> Any:
-        duration = info.data.get("duration")
-        if isinstance(value, Ramp) and isinstance(duration, float) and value.over > duration:
-            raise ValueError(value.longer_than(duration))
-        return value
+    def loads(self) -> dict[str, float | Ramp]:
+        """Loads on parts that the phase names: "PART.KIND"."""
+        return {f"{name}.{kind}": load for name, given in self.part_loads() for kind, load in given if load is not None}
 
 
 class ColumnPhase(Phase):
-    """What the piston and the bath do from the end of the previous phase on."""
+    """What acts on the ends of a column from the end of the previous phase on."""
 
-    alternatives = ("piston_pressure", "piston_displacement")
     variant_label = "of a column"
 
-    piston_pressure: Annotated[float | Ramp | None, Load(Quantity("pressure"))] = Field(
-        default=None, description="Pressure of the piston, positive in compression. Either this or the next."
-    )
-    piston_displacement: Annotated[float | Ramp | None, Load(Quantity("length"))] = Field(
-        default=None,
-        description="Displacement of the piston from the equilibrated sample, negative in compression. A "
-        "jump would need infinite pressure, so a plain value can only hold the piston where the previous "
-        "phase left it (at 0 in the first).",
-    )
+    former: ClassVar[Mapping[str, str]] = {
+        "piston_pressure": "piston.pressure",
+        "piston_displacement": "piston.displacement",
+    }
 
-    def loads(self) -> dict[str, float | Ramp]:
-        """As for every phase: "piston.pressure" or "piston.displacement"."""
-        given = {"piston.pressure": self.piston_pressure, "piston.displacement": self.piston_displacement}
-        return super().loads() | {name: load for name, load in given.items() if load is not None}
-
-
-class EdgeLoad(Table):
-    """What drives a free or tied edge from the end of the previous phase on."""
-
-    alternatives: ClassVar[tuple[str, ...]] = ("pressure", "force", "displacement")
-
-    pressure: Annotated[float | Ramp | None, Load(Quantity("pressure"))] = Field(
-        default=None, description="Pressure normal to the edge as it moves, positive in compression."
-    )
-    force: Annotated[float | Ramp | None, Load(Quantity("force"))] = Field(
-        default=None,
-        description="Total force on a tied edge, positive in compression: of a disc, or of a block 1 mm thick.",
-    )
-    displacement: Annotated[float | Ramp | None, Load(Quantity("length"))] = Field(
-        default=None,
-        description="Displacement of a tied edge from the equilibrated sample, positive along x or y. A jump would "
-        "need infinite pressure, so a plain value can only hold what the previous phase left.",
-    )
+    filter: ColumnPartLoads | None = None
+    piston: ColumnPartLoads | None = None
 
 
 class BlockPhase(Phase):
-    """What the edges and the bath do from the end of the previous phase on; an edge that is not named goes on.
+    """What acts on the parts of the boundary of a block from the end of the previous phase on.
 
     Durations are in s: relaxation times are of columns.
     """
 
+    model_config = ConfigDict(extra="allow")
     variant_label = "of a block"
-
-    left: EdgeLoad | None = None
-    right: EdgeLoad | None = None
-    bottom: EdgeLoad | None = None
-    top: EdgeLoad | None = None
-
-    def loads(self) -> dict[str, float | Ramp]:
-        """As for every phase: "EDGE.pressure", "EDGE.force" or "EDGE.displacement" of the edges that are named."""
-        loads = super().loads()
-        for edge in EDGES:
-            given: EdgeLoad | None = getattr(self, edge)
-            loads |= {} if given is None else {f"{edge}.{kind}": load for kind, load in given if load is not None}
-        return loads
+    named_tables: ClassVar[type[Table]] = BlockPartLoads
+    __pydantic_extra__: dict[str, BlockPartLoads]

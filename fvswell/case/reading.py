@@ -79,6 +79,8 @@ def tables_below(table: type[Table], heading: Heading | None = None) -> Iterator
         for inner in tables:
             variant = names.get(inner, inner.variant_label) if len(tables) > 1 else ""
             yield from tables_below(inner, Heading(whole, is_array(table, key), variant))
+    if table.named_tables is not None:
+        yield from tables_below(table.named_tables, Heading(f"{heading.key}.NAME"))
 
 
 def value_type(field: FieldInfo) -> ValueType | None:
@@ -159,8 +161,10 @@ def _finding(root: type[Table], content: Mapping[str, Any], details: Any) -> Fin
         tag = next(key for key, _ in names.values())
         given = place.given.get(tag) if isinstance(place.given, Mapping) else None
         return Finding((*location, tag), _one_of(names, given))
-    field = place.table.model_fields[place.name]
+    if place.name not in place.table.model_fields and _is_misspelt(root, place.table, place.name):
+        return Finding(location, f"unknown key; {_suggestion(root, place.table, place.name)}")
     if kind == "missing":
+        field = place.table.model_fields[place.name]
         reader = value_type(field)
         unit = f" ({reader.unit})" if reader is not None and reader.unit else ""
         return Finding(location, f"missing; must be given: {allowed_values(field)}{unit}")
@@ -182,8 +186,16 @@ def _one_of(names: Iterable[str], given: Any) -> str:
     return f"must be one of {', '.join(map(shown, names))}{hint}"
 
 
+def _is_misspelt(root: type[Table], table: type[Table], name: str) -> bool:
+    """Whether a key that could be a name of the file's own is more likely another key, misspelt or misplaced."""
+    elsewhere = {key for _, other in tables_below(root) for key in other.model_fields}
+    return name in elsewhere or name in table.former or nearest_name(name, table.model_fields) is not None
+
+
 def _suggestion(root: type[Table], table: type[Table], name: str) -> str:
-    """What an unknown key may have been meant to be: it stands in the wrong table, or is misspelt."""
+    """What an unknown key may have been meant to be: it has another name now, or is misplaced or misspelt."""
+    if name in table.former:
+        return f"is now {table.former[name]}"
     elsewhere = {key for _, other in tables_below(root) for key in other.model_fields}
     if name in elsewhere:
         return f"belongs under {_home(root, table, name)}"

@@ -7,12 +7,14 @@ documentation is written from them. All values are in internal units.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, cached_property
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationInfo, field_validator
 
-from fvswell.case.geometry import AnyGeometry
+from fvswell.boundary.parts import Part
+from fvswell.case.boundary import BlockBoundary, Boundary, ColumnBoundary
+from fvswell.case.geometry import AnyGeometry, ColumnGeometry, Geometry
 from fvswell.case.phases import BlockPhase, ColumnPhase, Phase
 from fvswell.case.profiles import Coordinates, DepthProfile, PlaneProfile, Profile
 from fvswell.case.tables import Table, inner_tables, variant
@@ -179,6 +181,7 @@ class CaseTable(Table):
     geometry: AnyGeometry
     tissue: TissueProperties
     bath: Bath
+    boundary: ColumnBoundary | BlockBoundary = Field(default=ColumnBoundary(), validate_default=True)
     phase: tuple[ColumnPhase | BlockPhase, ...]
     time: Annotated[
         BackwardEuler | Esdirk43,
@@ -187,12 +190,28 @@ class CaseTable(Table):
     ] = Esdirk43()
     output: Output = Field(default=Output(), validate_default=True)
 
+    @cached_property
+    def parts(self) -> tuple[Part, ...]:
+        """Parts of the boundary."""
+        geometry: Any = self.geometry
+        parts: tuple[Part, ...] = geometry.parts(self.boundary)
+        return parts
+
+    @field_validator("boundary", mode="wrap")
+    @classmethod
+    def _boundary_of_the_geometry(cls, boundary: Any, _: Any, info: ValidationInfo) -> Boundary:
+        """Read the boundary as that of the geometry; of a column it need not be given."""
+        geometry = info.data.get("geometry")
+        table = type(geometry).boundary if geometry is not None else _geometry_of(info.context or {}).boundary
+        content = {} if isinstance(boundary, ColumnBoundary) and table is not ColumnBoundary else boundary
+        return table.model_validate(content)
+
     @field_validator("phase", mode="wrap")
     @classmethod
     def _phases_of_the_geometry(cls, phases: Any, _: Any, info: ValidationInfo) -> tuple[Phase, ...]:
         """Read phases as those of the geometry, even one that has problems of its own."""
         geometry = info.data.get("geometry")
-        table = _phases_of(info.context or {}) if geometry is None else type(geometry).phases
+        table = (_geometry_of(info.context or {}) if geometry is None else type(geometry)).phases
         read: tuple[Phase, ...] = _phase_reader(table).validate_python(phases)
         if not read:
             raise ValueError("must hold at least one [[phase]]")
@@ -210,14 +229,16 @@ class CaseTable(Table):
 
     @classmethod
     def inner_table(cls, content: Mapping[str, Any], key: str, item: Any) -> type[Table] | None:
-        """As for every table; phases are those of the geometry."""
-        return _phases_of(content) if key == "phase" else super().inner_table(content, key, item)
+        """As for every table; the boundary and the phases are those of the geometry."""
+        if key == "phase":
+            return _geometry_of(content).phases
+        return _geometry_of(content).boundary if key == "boundary" else super().inner_table(content, key, item)
 
 
-def _phases_of(content: Mapping[str, Any]) -> type[Phase]:
-    """The table of the phases of a case, from its raw content; of a column where nothing says what it is."""
+def _geometry_of(content: Mapping[str, Any]) -> type[Geometry]:
+    """Table of the geometry of a case, from its raw content; of a column where nothing says what it is."""
     geometry: Any = variant(inner_tables(CaseTable, "geometry"), content.get("geometry"))
-    return ColumnPhase if geometry is None else geometry.phases
+    return ColumnGeometry if geometry is None else geometry
 
 
 @cache

@@ -21,6 +21,8 @@ class Table(BaseModel):
     alternatives: ClassVar[tuple[str, ...]] = ()  # keys of which at most one may be given
     needs_alternative: ClassVar[bool] = True  # and exactly one has to be
     variant_label: ClassVar[str] = ""  # what documentation and messages call a variant that no key names
+    named_tables: ClassVar[Any] = None  # table that each further key holds, whose names the file chooses
+    former: ClassVar[Mapping[str, str]] = {}  # keys of earlier versions, and what they have become
 
     @classmethod
     def presence_problems(cls, table: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -56,7 +58,9 @@ class Table(BaseModel):
 @cache
 def inner_tables(table: type[Table], key: str) -> tuple[type[Table], ...]:
     """Tables that a key of a table stands for: several for variants, none for a value or an unknown key."""
-    return tuple(_tables_in(table.model_fields[key].annotation)) if key in table.model_fields else ()
+    if key in table.model_fields:
+        return tuple(_tables_in(table.model_fields[key].annotation))
+    return () if table.named_tables is None else (table.named_tables,)
 
 
 @cache

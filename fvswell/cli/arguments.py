@@ -23,7 +23,7 @@ Settings = Annotated[
         "--set",
         metavar="KEY=VALUE",
         help="Change a value of the case, such as tissue.hindrance_factor=0 or "
-        '"phase.loading.piston_pressure=0.1 MPa". May be given many times.',
+        '"phase.loading.piston.pressure=0.1 MPa". May be given many times.',
     ),
 ]
 Directory = Annotated[

@@ -61,7 +61,7 @@ def column_fields(column: Column, initial_volume_ratio: Array, record: Record) -
         "global_strain": height / (initial_volume_ratio @ grid.widths) - 1.0,
         "global_strain_from_stress_free": height / grid.widths.sum() - 1.0,
         "height": height,
-        "applied_pressure": pressure,
+        "piston_pressure": pressure,
         "bath_concentration": bath,
         "volume_ratio": J,
         "fluid_fraction": fluid_fraction(tissue, J),

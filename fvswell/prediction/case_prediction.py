@@ -7,7 +7,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from fvswell.case.acting_loads import acting_loads
+from fvswell.case.boundary import ColumnBoundary
 from fvswell.case.case import Case, CaseError
+from fvswell.case.column_checks import piston_pressure
 from fvswell.case.errors import Problem, shown
 from fvswell.case.geometry import ColumnGeometry
 from fvswell.case.profiles import DepthProfile, PlaneProfile
@@ -56,10 +59,12 @@ def unpredictable(case: Case) -> list[Problem]:
     """What of a case the predictor does not cover: it is for columns and for pressures of the piston."""
     if not isinstance(case.geometry, ColumnGeometry):
         return [Problem("geometry.kind", shown(case.geometry.kind), "must be column: only columns can be predicted")]
+    if case.parts != ColumnBoundary().parts():
+        return [Problem("boundary", "", "has another open end or a current: only a closed piston can be predicted")]
     return [
-        Problem(f"phase.{phase.name}.piston_displacement", "", "is prescribed: only pressures can be predicted")
-        for phase in case.phase
-        if "piston.displacement" in phase.loads()
+        Problem(f"phase.{phase.name}.piston.displacement", "", "is prescribed: only pressures can be predicted")
+        for phase, acting in zip(case.phase, acting_loads(case), strict=True)
+        if "piston.displacement" in acting
     ]
 
 
@@ -84,14 +89,14 @@ def conditions_of(cases: Sequence[Case]) -> list[Conditions]:
     """Conditions before the first phase and in each phase, arrays of shape ``(cases,)``."""
     bath = np.array([case.bath.concentration for case in cases])
     conditions = [Conditions(np.zeros_like(bath), bath)]
-    for phases in zip(*(case.phase for case in cases), strict=True):
-        loads = [phase.loads() for phase in phases]
-        pressure, after = (
-            np.array([_target(each.get(name)) for each in loads]) for name in ("piston.pressure", "bath")
-        )
-        ramps = (np.array([_duration(each.get(name)) for each in loads]) for name in ("piston.pressure", "bath"))
-        before = conditions[-1].bath_concentration
-        conditions.append(Conditions(pressure, np.where(np.isnan(after), before, after), *ramps))
+    for acting in zip(*(acting_loads(case) for case in cases), strict=True):
+        pairs = [
+            (piston_pressure(case, each), each["filter.bath_concentration"])
+            for case, each in zip(cases, acting, strict=True)
+        ]
+        targets = (np.array([_target(load) for load in loads]) for loads in zip(*pairs, strict=True))
+        ramps = (np.array([_duration(load) for load in loads]) for loads in zip(*pairs, strict=True))
+        conditions.append(Conditions(*targets, *ramps))
     return conditions
 
 

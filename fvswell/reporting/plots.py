@@ -6,7 +6,7 @@ differ in style as well. Figures are made without pyplot, so no display or globa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import wraps
 from pathlib import Path
 from textwrap import fill
@@ -40,8 +40,10 @@ __all__ = [
     "comparison_figure",
     "draw_gaps",
     "draw_histories",
+    "handy_time",
     "in_print_style",
     "line_styles",
+    "lines_in_order",
     "nearest_model",
     "print_unit",
     "result_figure",
@@ -204,7 +206,12 @@ def line_styles(results: Mapping[str, xr.Dataset]) -> dict[str, Line]:
     models = [result.attrs["model"] for result in results.values()]
     if len(set(models)) == len(models):
         return {label: _MODEL_LINES[model] for label, model in zip(results, models, strict=True)}
-    return {label: _OTHER_LINES[index % len(_OTHER_LINES)] for index, label in enumerate(results)}
+    return lines_in_order(results)
+
+
+def lines_in_order(labels: Iterable[str]) -> dict[str, Line]:
+    """A line for each label, in the order of the palette."""
+    return {label: _OTHER_LINES[index % len(_OTHER_LINES)] for index, label in enumerate(labels)}
 
 
 def result_labels(paths: Sequence[Path], results: Sequence[xr.Dataset]) -> list[str]:
@@ -317,16 +324,17 @@ def nearest_model(comparison: Comparison, phase: str) -> Difference:
 
 def time_unit(results: Mapping[str, xr.Dataset]) -> tuple[float, str]:
     """Factor and unit that keep times readable."""
-    return _unit_of(max(float(result["time"][-1]) for result in results.values()))
+    return handy_time(max(float(result["time"][-1]) for result in results.values()))
 
 
 def time_text(time: float) -> str:
     """A time, s, in a readable unit."""
-    scale, unit = _unit_of(time)
+    scale, unit = handy_time(time)
     return f"{np.format_float_positional(time * scale, precision=4, fractional=False, trim='-')} {unit}"
 
 
-def _unit_of(time: float) -> tuple[float, str]:
+def handy_time(time: float) -> tuple[float, str]:
+    """Factor and unit in which a time, s, is readable."""
     return (1.0, "s") if time < 2e4 else (1.0 / 3600.0, "h")
 
 

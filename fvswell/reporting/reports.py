@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fvswell.boundary.sides import EDGES
+from fvswell.boundary.parts import Part
 from fvswell.case.case import Case
 from fvswell.case.geometry import BlockGeometry, Geometry
-from fvswell.case.phases import EdgeLoad
+from fvswell.case.phases import PartLoads
 from fvswell.case.profiles import DepthProfile, PlaneProfile
 from fvswell.case.reading import value_type
 from fvswell.case.values import Ramp, RelaxationTimes
@@ -57,8 +57,8 @@ def case_lines(case: Case, models: str | None = None) -> list[str]:
     return [
         case.title,
         f"  model     {models or case.model}",
-        f"  geometry  {_table(case.geometry, without='edges')}",
-        *_edge_lines(case.geometry),
+        f"  geometry  {_table(case.geometry)}",
+        f"  boundary  {'; '.join(map(_part_text, case.parts))}",
         f"  tissue    {case.tissue.solid}, {tissue}",
         f"  bath      {_table(case.bath)}",
         *(f"  phase     {phase.name}: {_table(phase, without='name')}" for phase in case.phase),
@@ -66,17 +66,15 @@ def case_lines(case: Case, models: str | None = None) -> list[str]:
     ]
 
 
-@singledispatch
-def _edge_lines(geometry: Geometry) -> list[str]:
-    """What holds the edges, where there are any."""
-    return []
-
-
-@_edge_lines.register(BlockGeometry)
-def _(geometry: BlockGeometry) -> list[str]:
-    edges = [(name, getattr(geometry.edges, name)) for name in EDGES]
-    given = [f"{name} {edge.displacement}{', open to the bath' if edge.permeable else ''}" for name, edge in edges]
-    return [f"  edges     {'; '.join(given)}"]
+def _part_text(part: Part) -> str:
+    """A part of the boundary and its conditions."""
+    place = "" if part.name == part.edge or not part.edge else f" ({part.edge}, {part.start:g} to {part.end:g} mm)"
+    conditions = [part.mechanical.replace("-", " "), *(["open to the bath"] if part.open else [])]
+    if part.electrical != ("grounded" if part.open else "insulating"):
+        conditions.append(part.electrical)
+    if part.electrode != "bath":
+        conditions.append(f"{part.electrode} electrode")
+    return f"{part.name}{place} {', '.join(conditions)}"
 
 
 def duration_line(case: Case, phase_ends: Sequence[float]) -> str:
@@ -212,11 +210,12 @@ def _dimensions(variable: Any) -> str:
 
 def _table(table: BaseModel, without: str = "") -> str:
     """All keys of a table that are given, on a line."""
-    keys = [key for key in type(table).model_fields if key != without and getattr(table, key) is not None]
+    keys = [key for key in (*type(table).model_fields, *(table.__pydantic_extra__ or {}))
+            if key != without and getattr(table, key) is not None]  # fmt: skip
     parts = []
     for key in keys:
         value = getattr(table, key)
-        if isinstance(value, EdgeLoad):
+        if isinstance(value, PartLoads):
             parts.append(f"{key} {_table(value)}")
         else:
             parts.append(_value(table, key) if key in ("kind", "scheme") else f"{words(key)} {_value(table, key)}")

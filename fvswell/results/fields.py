@@ -46,7 +46,7 @@ FIELDS: dict[str, Field] = {
     "global_strain": Field("1", "height over height of the equilibrated sample, less one", "global"),
     "global_strain_from_stress_free": Field("1", "height over height of the stress-free solid, less one", "global"),
     "height": Field("mm", "height of the sample", "global"),
-    "applied_pressure": Field(_STRESS, "pressure of the piston, compression positive", "global"),
+    "piston_pressure": Field(_STRESS, "pressure of the piston, compression positive", "global"),
     "bath_concentration": Field(_CONCENTRATION, "salt concentration of the bath", "global"),
     "volume_ratio": Field("1", "current over stress-free volume, J", "cell"),
     "fluid_fraction": Field("1", "volume fraction of the fluid", "cell"),

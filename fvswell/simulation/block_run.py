@@ -17,6 +17,7 @@ from fvswell.block.make_block import make_block
 from fvswell.block.march import march_block
 from fvswell.block.mechanics import integration_points
 from fvswell.boundary.sides import EDGE_AXIS, EDGES
+from fvswell.case.acting_loads import acting_loads
 from fvswell.case.case import Case
 from fvswell.case.output_times import output_times
 from fvswell.case.values import Ramp, final_value
@@ -106,23 +107,29 @@ class BlockRun:
         return np.zeros(0)
 
     def loads(self) -> list[list[Load | None]]:
-        """Each load of the block in each phase; what a phase does not name goes on as it is."""
-        if self.held is None:
-            held = {name: Load(0.0) for name in self.body.load_names if name.endswith(".pressure")}
-            held["bath"] = Load(self.case.bath.concentration)
-        else:
-            before = zip(self.body.load_names, self.held, strict=True)
-            held = {name: Load(float(value)) for name, value in before if not np.isnan(value)}
-        phases: list[list[Load | None]] = []
-        for phase in self.case.phase:
-            held = {name: Load(load.target) for name, load in held.items()}
-            for name, value in phase.loads().items():
-                part = name.split(".")[0]
-                held = {other: load for other, load in held.items() if other.split(".")[0] != part}
-                rest = self._rest[name] if name.endswith(".displacement") else 0.0
-                held[name] = Load(rest + final_value(value), value.over if isinstance(value, Ramp) else 0.0)
-            phases.append([held.get(name) for name in self.body.load_names])
+        """Each load of the block in each phase."""
+        bath = f"{next(part.name for part in self.case.parts if part.open)}.bath_concentration"
+        phases = []
+        for acting in acting_loads(self.case, self._held_loads()):
+            loads = {name: _load(load, self._rest_of(name)) for name, load in acting.items()}
+            phases.append([loads.get(bath if name == "bath" else name) for name in self.body.load_names])
         return phases
+
+    def _held_loads(self) -> dict[str, float] | None:
+        """Loads that a run before has left, by the names of the case."""
+        if self.held is None:
+            return None
+        held = {
+            name: float(value) - self._rest_of(name)
+            for name, value in zip(self.body.load_names, self.held, strict=True)
+        }
+        bath = held.pop("bath")
+        held |= {f"{part.name}.bath_concentration": bath for part in self.case.parts if part.open}
+        return {name: value for name, value in held.items() if not np.isnan(value)}
+
+    def _rest_of(self, name: str) -> float:
+        """Value in the equilibrated block of what a case gives relative to it: a displacement."""
+        return float(self._rest[name]) if name.endswith(".displacement") else 0.0
 
     def protocol(self, durations: Sequence[float], times: Sequence[float] | Array | None = None) -> Protocol:
         """Protocol with phases of given durations; ``times`` are outputs to record instead of the case's own."""
@@ -241,9 +248,7 @@ class BlockRun:
 
 def _equilibrated(case: Case, model: Model, grid: BlockGrid) -> tuple[BlockBody, State]:
     """The block in equilibrium with its bath, its permeability as the case has it."""
-    geometry: Any = case.geometry
-    edges = {name: getattr(geometry.edges, name) for name in EDGES}
-    conditions = {name: EdgeCondition(edge.displacement, edge.permeable) for name, edge in edges.items()}
+    conditions = {part.edge: EdgeCondition(part.mechanical, part.open) for part in case.parts}
     points = (grid.centres, grid.face_centres, integration_points(grid))
     cells, faces, solid = (model.tissue(case.tissue_at(at)) for at in points)
     block = make_block(grid, conditions, model, cells, faces, solid, case.bath.concentration)
@@ -254,3 +259,7 @@ def _equilibrated(case: Case, model: Model, grid: BlockGrid) -> tuple[BlockBody,
     if case.open_circuit_permeability == "initial":
         ratio = initial_open_circuit_ratio(block, state.unknowns)
     return start_of(block.with_open_circuit_ratio(ratio), state.unknowns)
+
+
+def _load(load: float | Ramp, rest: float) -> Load:
+    return Load(rest + final_value(load), load.over if isinstance(load, Ramp) else 0.0)

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from fvswell.case.acting_loads import acting_loads
 from fvswell.case.case import Case
+from fvswell.case.column_checks import piston_pressure
 from fvswell.case.output_times import output_times
 from fvswell.case.values import Ramp, final_value
 from fvswell.column.balances import COLUMN_LOADS
@@ -127,16 +129,38 @@ class ColumnRun:
     @cached_property
     def _loads(self) -> list[list[Load | None]]:
         """Each load of a column in each phase; heights as displacements of the piston."""
-        held = self.held
-        bath: float = self.case.bath.concentration if held is None else held[COLUMN_LOADS.index("filter_concentration")]
         phases = []
-        for phase in self.case.phase:
-            given = phase.loads()
-            pressure, height = (_load(given.get(f"piston.{kind}")) for kind in ("pressure", "displacement"))
-            concentration = _load(given.get("bath")) or Load(bath)
-            bath, nothing = concentration.target, Load(0.0)
-            phases.append([pressure, height, concentration, nothing, concentration, nothing, nothing])
+        for acting in acting_loads(self.case, self._held_loads()):
+            baths = {
+                f"{end}_{kind}": _load(acting.get(f"{end}.bath_{kind}"))
+                for end in ("filter", "piston")
+                for kind in ("concentration", "pressure")
+            }
+            loads = baths | {
+                "pressure": _load(piston_pressure(self.case, acting)),
+                "height": _load(acting.get("piston.displacement")),
+                "current": Load(0.0),
+            }
+            reference = baths["filter_concentration"] or baths["piston_concentration"]
+            for end in ("filter", "piston"):
+                loads[f"{end}_concentration"] = loads[f"{end}_concentration"] or reference
+                loads[f"{end}_pressure"] = loads[f"{end}_pressure"] or Load(0.0)
+            phases.append([loads[name] for name in COLUMN_LOADS])
         return phases
+
+    def _held_loads(self) -> dict[str, float] | None:
+        """Loads that a run before has left, by the names of the case."""
+        if self.held is None:
+            return None
+        held = dict(zip(COLUMN_LOADS, map(float, self.held), strict=True))
+        height = float(self.column.initial_volume_ratio() @ self.grid.widths)
+        names = {
+            "piston.pressure": held["pressure"],
+            "piston.displacement": held["height"] - height,
+            **{f"{end}.bath_{kind}": held[f"{end}_{kind}"] for end in ("filter", "piston")
+               for kind in ("concentration", "pressure")},
+        }  # fmt: skip
+        return {name: value for name, value in names.items() if not np.isnan(value)}
 
     def equilibrium_strains(self) -> Array:
         """Global strain in equilibrium under the loads that each phase ends with, (phases,)."""

@@ -84,6 +84,6 @@ def _overlong_ramps(case: Case, durations: Sequence[float]) -> list[Problem]:
     return [
         Problem(f"phase[{phase.name}].{key}", shown(load._asdict()), load.longer_than(length))
         for phase, length in zip(case.phase, durations, strict=True)
-        for key, load in phase
+        for key, load in (("bath_concentration", phase.bath_concentration), *phase.loads().items())
         if isinstance(load, Ramp) and load.over > length
     ]

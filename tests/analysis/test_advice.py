@@ -29,8 +29,8 @@ def report(case: Case) -> str:
 @pytest.mark.parametrize(
     "case",
     [
-        small_compression(phase__loading__piston_pressure=0.01),
-        small_compression(phase__loading__piston_pressure=0.1),
+        small_compression(phase__loading__piston__pressure=0.01),
+        small_compression(phase__loading__piston__pressure=0.1),
         small_swelling(phase__loading__bath_concentration=1.4e-4),
         small_swelling(phase__loading__bath_concentration=1.2e-4),
     ],
@@ -106,10 +106,10 @@ def test_negative_osmosis_is_report() -> None:
 
 
 def test_nothing_happens() -> None:
-    advice = advise(small_compression(phase__loading__piston_pressure=0.0))
+    advice = advise(small_compression(phase__loading__piston__pressure=0.0))
     assert all(np.isnan(phase.r_squared) for phase in advice.phases)
     assert advice.reason.startswith("nothing changes")
-    assert "nan" not in report(small_compression(phase__loading__piston_pressure=0.0))
+    assert "nan" not in report(small_compression(phase__loading__piston__pressure=0.0))
 
 
 def test_tissue_that_varies_is_taken_by_its_mean() -> None:
@@ -128,11 +128,11 @@ def test_tissue_that_varies_is_taken_by_its_mean() -> None:
 
 
 def test_a_displaced_piston_cannot_be_predicted_but_is_not_refused() -> None:
-    moved = small_compression(phase__loading__piston_displacement={"ramp_to": -0.02, "over": 100.0})
+    moved = small_compression(phase__loading__piston__displacement={"ramp_to": -0.02, "over": 100.0})
     advice = advise(moved)
     assert advice.phases == ()
     assert advice.model == "electrochemical"
-    assert "phase.loading.piston_displacement: is prescribed" in report(moved)
+    assert "phase.loading.piston.displacement: is prescribed" in report(moved)
     with pytest.raises(CaseError, match="only pressures can be predicted"):
         predict_cases([moved])
 
@@ -145,7 +145,7 @@ def test_blocks_are_refused() -> None:
 def test_conditions_of_cases() -> None:
     """Ramps are kept, and the bath stays as the phase before left it."""
     ramp = {"ramp_to": 0.2, "over": 50.0}
-    case = small_swelling(phase__loading__piston_pressure=ramp, phase__unloading__bath_concentration=None)
+    case = small_swelling(phase__loading__piston__pressure=ramp, phase__unloading__bath_concentration=None)
     first, loading, unloading = conditions_of([case])
     assert (first.piston_pressure.item(), first.bath_concentration.item()) == (0.0, 1.5e-4)
     assert (loading.piston_pressure.item(), loading.pressure_ramp.item()) == (0.2, 50.0)

@@ -248,9 +248,9 @@ def test_phase_without_outputs_is_left_out_and_reported(tmp_path: Path) -> None:
 def test_pressure_is_compared_where_the_displacement_is_given() -> None:
     ramp = {"ramp_to": -0.02, "over": 100.0}
     hold = -0.02
-    case = small_compression(phase__loading__piston_displacement=ramp, phase__unloading__piston_displacement=hold)
+    case = small_compression(phase__loading__piston__displacement=ramp, phase__unloading__piston__displacement=hold)
     comparison = compare(case)
-    assert comparison.quantity == "applied_pressure"
+    assert comparison.quantity == "piston_pressure"
     biphasic, swelling = comparison.of_phase("loading")
     # the charge stiffens the tissue: without it less pressure is needed for the same strain
     assert biphasic.largest < 0.0
@@ -279,7 +279,7 @@ def test_one_model_cannot_be_compared(models: list[str]) -> None:
 
 
 def test_load_that_a_model_cannot_bear_is_reported_before_any_run() -> None:
-    heavy = small_compression(phase__loading__piston_pressure=1.5)
+    heavy = small_compression(phase__loading__piston__pressure=1.5)
     with pytest.raises(CaseError, match="leaves no equilibrium with water"):
         compare(heavy)
 

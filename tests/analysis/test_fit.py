@@ -15,7 +15,7 @@ from fvswell.cli.main import app
 
 
 def gentle_compression(**changes: object) -> Case:
-    return small_compression(phase__loading__piston_pressure=2e-3, time__steps_per_phase=20, **changes)
+    return small_compression(phase__loading__piston__pressure=2e-3, time__steps_per_phase=20, **changes)
 
 
 def test_fit_of_a_column_finds_the_models_own_permeability_where_salt_is_fast() -> None:

@@ -32,7 +32,7 @@ def dataset(tmp_path_factory) -> xr.Dataset:
         "time.scheme": "esdirk43", "time.steps_per_phase": None, "geometry.cells": 20, "geometry.grading": 10
     } | {key.replace("__", "."): value for key, value in FIXED_TIME.items()}  # fmt: skip
     small = [
-        studies.protocol(**{"phase.loading.piston_pressure": 0.01}),
+        studies.protocol(**{"phase.loading.piston.pressure": 0.01}),
         studies.protocol("swelling", "free_swelling.toml", **{"phase.loading.bath_concentration": 1.45e-4}),
     ]
     for protocol in small:

@@ -56,7 +56,7 @@ def test_the_height_decides_nothing() -> None:
 
 def test_models_confirm_the_predictor() -> None:
     """Loads small enough for the linear theory: the same misfit on average, and the same order of the parameters."""
-    protocol = studies.protocol(geometry__cells=20, time__steps_per_phase=40, phase__loading__piston_pressure=0.02)
+    protocol = studies.protocol(geometry__cells=20, time__steps_per_phase=40, phase__loading__piston__pressure=0.02)
     weak = studies.parameter("poisson", "tissue.poisson_ratio", 0.28, 0.32)
     study = study_of([weak, PERMEABILITY], protocol=[protocol])
     done = []
@@ -95,7 +95,7 @@ def test_files_of_cases_and_studies_are_reported_apart(tmp_path) -> None:
 
 
 def test_impossible_corners_are_refused() -> None:
-    load = studies.parameter("load", "phase.loading.piston_pressure", 0.5, 1.6)  # 1.2 MPa presses all water out
+    load = studies.parameter("load", "phase.loading.piston.pressure", 0.5, 1.6)  # 1.2 MPa presses all water out
     weak = studies.protocol(tissue__fixed_charge_density=0.0)
     ends = [{"name": "ends", "kind": "one-at-a-time", "count": 2}]
     with pytest.raises(CaseError, match="narrow them"):

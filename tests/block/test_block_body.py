@@ -59,7 +59,7 @@ def test_one_cell_wide_block_is_the_column(model: Model, open_circuit: str) -> N
         make_protocol([integrations.loads(*each) for each in zip(pressures, baths, strict=True)], [300.0] * 2),
         integrations.equal_steps(10),
     )
-    edges = {"left": ROLLER, "right": ROLLER, "bottom": EdgeCondition("roller", True), "top": EdgeCondition("tied")}
+    edges = {"left": ROLLER, "right": ROLLER, "bottom": EdgeCondition("roller", True), "top": EdgeCondition("straight")}
     block = uniform_block(block_grid("plane-strain", np.array([0.0, 0.3]), column.grid.nodes), edges, model, tissue)
     body, state = equilibrated_body(block)
     if model.open_circuit and open_circuit == "initial":
@@ -174,7 +174,7 @@ def test_a_load_that_jumps_finds_the_block_undrained(kind: str, model: Model) ->
 @by_model
 def test_a_block_held_all_around_has_the_pressure_that_makes_water_flow_as_its_edges_move(model: Model) -> None:
     """Confined, under a plate of given speed: contents and loads alone do not say what the pressure is."""
-    edges = {"left": ROLLER, "right": EdgeCondition("roller", True), "bottom": ROLLER, "top": EdgeCondition("tied")}
+    edges = {"left": ROLLER, "right": EdgeCondition("roller", True), "bottom": ROLLER, "top": EdgeCondition("straight")}
     block = uniform_block(rough_grid("plane-strain"), edges, model)
     body, state = equilibrated_body(block)
     loads = np.array([np.nan if load is None else load.target for load in phase(body, top__displacement=0.0)])

@@ -15,7 +15,7 @@ WORDS = st.one_of(
         [
             "0", "-1", "1e300", "1e-300", "nan", "inf", "true", '""', "[]", "{}", "[0, 0]", '"1 mm"', '"1e9 MPa"',
             '"0 s"', '"-5 degC"', '"1e400 m"', '"relaxation times"', '"9 relaxation times"', '"column"',
-            '"plane-strain"', '"axisymmetric"', '"holmes-mow"', '"tied"', "{ramp_to = 1, over = 2}",
+            '"plane-strain"', '"axisymmetric"', '"holmes-mow"', '"straight"', "{ramp_to = 1, over = 2}",
             "{depth = [0, 1], value = [1, 2]}", "{x = [0], y = [0, 1], value = [[1], [2]]}", "1979-05-27", "[[phase]]",
         ]
     ),

@@ -24,26 +24,29 @@ def problems(**changes: Any) -> str:
 @pytest.mark.parametrize(
     ("changes", "reported"),
     [
-        ({"geometry__edges__right__permeable": False}, "no edge is permeable: at least one has to be open to the bath"),
+        ({"boundary__right__bath": "closed"}, "no part is open to a bath: at least one has to be"),
         (
-            {"geometry__edges__left__displacement": "fixed"},
-            "the top edge is tied to move as one, but ends at the left edge, which is fixed",
+            {"boundary__left__mechanical": "fixed"},
+            "the top edge is straight, but ends at the left edge, which is fixed",
         ),
         (
-            {"geometry__edges__bottom__displacement": "free", "geometry__edges__left__displacement": "free"},
+            {"boundary__bottom__mechanical": "free", "boundary__left__mechanical": "free"},
             "nothing keeps the block from moving along x or moving along y",
         ),
-        ({"geometry__edges__bottom__displacement": "free"}, "nothing keeps the block from moving along y"),
+        ({"boundary__bottom__mechanical": "free"}, "nothing keeps the block from moving along y"),
         ({"geometry__probe": ["11 mm", "5 mm"]}, "lies outside the block, which is 10 mm x 5 mm"),
         ({"geometry__cells": [0, 4]}, "geometry.cells"),
         ({"geometry__height": 0.0}, "geometry.height"),
         ({"geometry__width": "-1 mm"}, "geometry.width"),
         ({"geometry__grading": 0.5}, "geometry.grading"),
         ({"geometry__finest_at": ["rihgt"]}, "right"),
-        ({"geometry__edges__top__displacement": "glued"}, "geometry.edges.top.displacement"),
-        ({"phase__compression__bottom": {"pressure": 0.1}}, "the edge is fixed: it can be given for free or tied"),
-        ({"phase__compression__right": {"force": 0.1}}, "the edge is free: it can be given for tied"),
-        ({"phase__compression__top": {"displacement": -0.1}}, "jumps, which needs infinite pressure"),
+        ({"boundary__top__mechanical": "glued"}, "boundary.top.mechanical"),
+        (
+            {"phase__compression__bottom": {"pressure": 0.1}},
+            "bottom is fixed: it can be given for free or straight or glued-plate",
+        ),
+        ({"phase__compression__right": {"force": 0.1}}, "right is free: it can be given for straight or glued-plate"),
+        ({"phase__compression__top": {"displacement": -0.1}}, "and a jump would need infinite pressure"),
         ({"geometry__height": 1e9}, "times as long as wide, more than 100000: change the lengths"),
         ({"geometry__grading": 1e7}, "must be at least 1 and at most 1e+06"),
         ({"geometry__cells": [20, 10**9]}, "must be a whole number from 1 to 1000"),
@@ -60,14 +63,14 @@ def test_block_that_cannot_be_is_refused(changes: dict[str, Any], reported: str)
 
 def test_axis_of_a_disc_is_a_closed_roller() -> None:
     reported = problems(
-        geometry__kind="axisymmetric", geometry__radius=10.0, geometry__edges__left__permeable=True,
+        geometry__kind="axisymmetric", geometry__radius=10.0, boundary__left__bath="open",
         geometry__width=None,
     )  # fmt: skip
     assert "the left edge is the axis of the disc: it has to be a roller and impermeable" in reported
 
 
 def test_all_problems_are_reported_at_once() -> None:
-    reported = problems(geometry__probe=[11.0, 5.0], geometry__edges__right__permeable=False).splitlines()
+    reported = problems(geometry__probe=[11.0, 5.0], boundary__right__bath="closed").splitlines()
     assert len(reported) == 2
     assert all("plane_strain.toml" in line for line in reported)
 
@@ -108,11 +111,11 @@ def test_charge_that_peaks_between_even_points_is_seen() -> None:
 @pytest.mark.parametrize(
     ("changes", "reported"),
     [
-        ({"geometry__edges__left": "fixed"}, "must be a table with the heading [geometry.edges.left]"),
-        ({"edges": 3}, "belongs under [geometry]"),
+        ({"boundary__left": "fixed"}, "must be a table with the heading [boundary.left]"),
+        ({"geometry__edges": 3}, "is now the heading [boundary]"),
         (
             {"phase__compression__displacement": -1},
-            "belongs under [phase.left] or [phase.right] or [phase.bottom] or [phase.top]",
+            "belongs under [phase.filter] or [phase.piston] or [phase.NAME]",
         ),
     ],
 )

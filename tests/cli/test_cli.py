@@ -210,7 +210,7 @@ def test_stopped_run_keeps_its_result_and_says_where(tmp_path: Path) -> None:
 def test_phase_that_does_not_relax_ends_with_3(case_file: Path) -> None:
     done = fvswell(
         "run", case_file, "--set", "phase.loading.duration=1 relaxation times",
-        "--set", "phase.loading.piston_pressure=0",
+        "--set", "phase.loading.piston.pressure=0",
     )  # fmt: skip
     assert done.exit_code == 3
     assert "give its duration in s" in done.stderr
@@ -306,7 +306,7 @@ def test_check_echoes_profiles_and_ramps() -> None:
     done = fvswell(
         "check", CASES / "confined_compression.toml",
         "--set", 'tissue.fixed_charge_density={depth = [0, 0.5], value = ["0.1 M", "0.3 M"]}',
-        "--set", 'phase.loading.piston_pressure={ramp_to = "0.1 MPa", over = "50 s"}',
+        "--set", 'phase.loading.piston.pressure={ramp_to = "0.1 MPa", over = "50 s"}',
     )  # fmt: skip
     assert "fixed charge density 0.1 M to 0.3 M over the depth" in done.stdout
     assert "piston pressure to 0.1 MPa within 50 s" in done.stdout

@@ -54,7 +54,7 @@ def test_columns_by_fipys_stock_terms(name: str, model: str) -> None:
 @pytest.mark.parametrize("model", MODELS)
 def test_held_piston(model: str, assembly: str) -> None:
     """A ramp of the piston, whose pressure is found, in another bath."""
-    ramp = {"phase.0.piston_displacement": {"ramp_to": -0.03, "over": 50.0}, "phase.0.bath_concentration": 1e-4}
+    ramp = {"phase.0.piston.displacement": {"ramp_to": -0.03, "over": 50.0}, "phase.0.bath_concentration": 1e-4}
     assert_same(small("confined_compression", model, **ramp, **EQUAL_STEPS), assembly)
 
 

@@ -215,7 +215,7 @@ def test_commands_run_compare_plot_and_report(tmp_path: Path, monkeypatch: pytes
     names = {f"{model}.nc" for model in MODELS} | {f"comparison.{suffix}" for suffix in ("csv", "png", "pdf")}
     assert {file.name for file in Path("output/block").iterdir()} == names
     for text in (
-        "edges     left roller; right free, open to the bath",
+        "boundary  left roller; right free, open to the bath",
         "Phase compression: difference of the probe",
         "displacement of the probe at x = 10 mm, y = 5 mm",
         "top pressure to 0.1 MPa within 50 s",

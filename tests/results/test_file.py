@@ -262,9 +262,10 @@ def test_a_result_without_a_variable_that_all_have_is_refused(
 
 def test_damaged_results_are_reported_in_a_line(files: dict[str, Path], tmp_path: Path) -> None:
     """Cut short, or with bytes overwritten anywhere: a result that can be read, or one clear error."""
-    whole, path = files["electrochemical"].read_bytes(), tmp_path / "damaged.nc"
+    whole = files["electrochemical"].read_bytes()
     draw, refused = np.random.default_rng(0), 0
     for trial in range(60):
+        path = tmp_path / f"damaged-{trial}.nc"  # HDF5 may still have an earlier one open
         damaged = bytearray(whole[: int(draw.integers(1, len(whole)))] if trial % 2 else whole)
         for place in draw.integers(0, len(damaged), 40 * (1 - trial % 2)):
             damaged[place : place + 64] = draw.bytes(64)

@@ -29,18 +29,17 @@ def column_as_block(column: Case) -> Case:
         "geometry": {
             "kind": "plane-strain", "width": 0.1, "height": column.geometry.height,
             "cells": [1, column.geometry.cells], "grading": column.geometry.grading, "finest_at": ["bottom"],
-            "edges": {
-                "left": {"displacement": "roller"}, "right": {"displacement": "roller"},
-                "bottom": {"displacement": "roller", "permeable": True}, "top": {"displacement": "free"},
-            },
+        },
+        "boundary": {
+            "left": {"mechanical": "roller"}, "right": {"mechanical": "roller"},
+            "bottom": {"mechanical": "roller", "bath": "open"}, "top": {"mechanical": "free"},
         },
     }  # fmt: skip
     dumped = column.model_dump(exclude_none=True)
     content |= {key: dumped[key] for key in ("tissue", "bath", "time")}
     content["phase"] = []
     for phase in dumped["phase"]:
-        pressure = {"pressure": phase.pop("piston_pressure")} if "piston_pressure" in phase else None
-        content["phase"].append(phase | ({"top": pressure} if pressure else {}))
+        content["phase"].append({"top" if key == "piston" else key: value for key, value in phase.items()})
     return Case._from_content(content, "column as block")
 
 
@@ -142,10 +141,10 @@ def test_probe_converges_with_the_grid() -> None:
 
 def test_block_that_is_held_all_around_changes_its_salt_alone() -> None:
     """One cell between rollers: no displacement is unknown."""
-    rollers = {"displacement": "roller"}
+    rollers = {"mechanical": "roller"}
     case = small_block(
         geometry__cells=[1, 1], geometry__probe=None, phase__compression__top=None, phase__compression__duration=1e8,
-        geometry__edges={"left": rollers, "right": rollers | {"permeable": True}, "bottom": rollers, "top": rollers},
+        boundary={"left": rollers, "right": rollers | {"bath": "open"}, "bottom": rollers, "top": rollers},
     )  # fmt: skip
     result = run(case)
     np.testing.assert_array_equal(result["volume_ratio"], 1.0)
@@ -242,8 +241,8 @@ def test_tolerance_of_steps_is_relative_to_the_strain_that_each_load_brings() ->
     )  # fmt: skip
     assert BlockRun(moved).largest_strain() == pytest.approx(0.1, rel=1e-12)  # of a height of 5 mm
     aside = small_block(
-        model="biphasic", geometry__edges__right__displacement="tied", geometry__edges__bottom__displacement="roller",
-        geometry__edges__top__displacement="free", phase__swelling__bath_concentration=None,
+        model="biphasic", boundary__right__mechanical="straight", boundary__bottom__mechanical="roller",
+        boundary__top__mechanical="free", phase__swelling__bath_concentration=None,
         phase__compression__top={"pressure": 0.0},
         phase__compression__right={"displacement": {"ramp_to": -0.5, "over": 50.0}},
     )  # fmt: skip
@@ -259,7 +258,7 @@ def test_mean_height_of_a_disc_is_weighted_by_area() -> None:
     charge = {"x": ["0 mm", "0.75 mm", "1.5 mm"], "value": [4e-4, 1e-4, 1e-4]}
     case = load_case(CASES / "unconfined_disc.toml").with_changes(
         {
-            "geometry.edges.top.displacement": "free", "geometry.cells": [30, 4], "geometry.grading": 1,
+            "boundary.top.mechanical": "free", "geometry.cells": [30, 4], "geometry.grading": 1,
             "tissue.fixed_charge_density": charge, "phase.compression.top": {"pressure": 0.0},
         }
     )  # fmt: skip

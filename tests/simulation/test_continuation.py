@@ -65,10 +65,10 @@ def test_equal_steps_go_on_as_if_nothing_had_been(tmp_path: Path) -> None:
 def test_a_third_run_starts_from_the_second(tmp_path: Path) -> None:
     """The bath that the first one brought stays: a phase that names none goes on with it."""
     base = small_swelling()
-    diluted = base.phase[0].loads()["bath"]
-    rest = [{"name": name, "duration": 300.0, "piston_pressure": load} for name, load in (("b", 0.02), ("c", 0.0))]
+    diluted = base.phase[0].bath_concentration
+    rest = [{"name": name, "duration": 300.0, "piston": {"pressure": load}} for name, load in (("b", 0.02), ("c", 0.0))]
     case = base.with_changes(
-        {"phase": [{"name": "a", "duration": 300.0, "piston_pressure": 0.0, "bath_concentration": diluted}, *rest]}
+        {"phase": [{"name": "a", "duration": 300.0, "piston": {"pressure": 0.0}, "bath_concentration": diluted}, *rest]}
     )
     whole = run(case)
     for before, phase in ((None, "a"), ("a", "b"), ("b", "c")):
@@ -154,7 +154,7 @@ ALL_KINDS = {
     "esdirk43, every step": small_compression(time=esdirk43(1e-8), output__every=1, geometry__cells=5),
     "esdirk43, times": small_swelling(time=esdirk43(1e-8), output__per_phase=20, geometry__cells=5),
     "held piston": small_compression(
-        time__steps_per_phase=300, phase__loading__piston_displacement={"ramp_to": -0.05, "over": 200.0}
+        time__steps_per_phase=300, phase__loading__piston__displacement={"ramp_to": -0.05, "over": 200.0}
     ),
     "relaxation times": small_compression(time=esdirk43(1e-8), phase__loading__duration="2 relaxation times"),
     "block": small_block(),
@@ -271,7 +271,7 @@ def test_a_run_that_started_from_another_is_resumed_as_such(tmp_path: Path) -> N
     """Without the file that it started from, and with the bath that was left there."""
     case = small_swelling(**ADAPTIVE)
     run(only(case, "loading"), path=tmp_path / "first.nc")
-    held = case.with_changes({"phase": [{"name": "held", "duration": 600.0, "piston_pressure": 0.05}]})
+    held = case.with_changes({"phase": [{"name": "held", "duration": 600.0, "piston": {"pressure": 0.05}}]})
     run(held, path=tmp_path / "whole.nc", start_from=tmp_path / "first.nc")
     path = tmp_path / "resumed.nc"
     with pytest.raises(KeyboardInterrupt):

@@ -91,7 +91,7 @@ def test_rounding_in_a_long_step_in_equilibrium_is_not_taken_for_a_loss(model: s
         geometry__cells=5, geometry__grading=50.0, tissue__youngs_modulus=1.7, tissue__hydraulic_permeability=0.055,
         bath__concentration=1.4e-6, time__steps_per_phase=1,
     )  # fmt: skip
-    result = fvswell.run(single_phase(case, 2000.0, piston_pressure=0.0), model)
+    result = fvswell.run(single_phase(case, 2000.0, piston={"pressure": 0.0}), model)
     assert result.attrs["run_status"] == "complete"
     assert abs(float(result["global_strain"][-1])) < 1e-9
 
@@ -100,7 +100,7 @@ def squeezed(model: str) -> Case:
     """97 % of the water of the reference tissue pressed out in 5 s."""
     case = compression(model=model, geometry__cells=12)
     squeeze = {"ramp_to": 0.5 * (0.2 + 0.03 * 0.8) - ColumnRun(case).initial_height, "over": 5.0}
-    return single_phase(case, 100.0, piston_displacement=squeeze)
+    return single_phase(case, 100.0, piston={"displacement": squeeze})
 
 
 def test_piston_that_is_too_fast_for_the_water_is_reported() -> None:
@@ -124,7 +124,7 @@ def test_fixed_charge_keeps_the_last_of_the_water() -> None:
 def test_phase_that_never_relaxes_is_reported() -> None:
     """Relaxation times of a phase that begins in equilibrium and changes nothing."""
     case = fvswell.load_case(CASES / "confined_compression.toml").with_changes(
-        {"phase.loading.piston_pressure": 0.0, "geometry.cells": 10}
+        {"phase.loading.piston.pressure": 0.0, "geometry.cells": 10}
     )
     with pytest.raises(SolverError, match="does not relax in phase loading; give its duration in s"):
         fvswell.run(case)

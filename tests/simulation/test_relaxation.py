@@ -18,7 +18,7 @@ REFERENCE = CASES / "confined_compression.toml"
 
 def test_small_step_relaxes_in_the_exact_time() -> None:
     """The linear solution's time to 99 %, for a load of 1e-4 MPa: 1e-4 of the strain is 1 % of what is left then."""
-    phase = {"name": "only", "duration": "1 relaxation times", "piston_pressure": 1e-4}
+    phase = {"name": "only", "duration": "1 relaxation times", "piston": {"pressure": 1e-4}}
     case = fvswell.load_case(REFERENCE).with_changes({"phase": [phase], "geometry.cells": 40})
     run = ColumnRun(case, BIPHASIC_SWELLING)
     column = LinearColumn.at_equilibrium(BIPHASIC_SWELLING, run.tissue, 0.5, 0.0, 1.5e-4)
@@ -82,10 +82,10 @@ def test_all_models_run_for_the_time_of_the_one() -> None:
 def test_a_ramp_longer_than_the_phase_found_is_refused() -> None:
     case = small_compression(
         phase__loading__duration="0.01 relaxation times",
-        phase__loading__piston_pressure={"ramp_to": 0.1, "over": 5000.0},
+        phase__loading__piston__pressure={"ramp_to": 0.1, "over": 5000.0},
     )
     with pytest.raises(
-        CaseError, match=r"phase\[loading\].piston_pressure = .*: over: 5000 s is longer than the phase, "
+        CaseError, match=r"phase\[loading\].piston.pressure = .*: over: 5000 s is longer than the phase, "
     ):
         fvswell.run(case)
     with pytest.raises(CaseError, match="longer than the phase"):

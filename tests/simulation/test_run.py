@@ -121,7 +121,7 @@ def test_stopped_run_keeps_what_there_is_and_says_so(tmp_path: Path, case: Case)
 
 
 def test_phase_that_does_not_relax_is_reported_before_any_file(tmp_path: Path) -> None:
-    case = small_compression(phase__loading__piston_pressure=0.0, phase__loading__duration="1 relaxation time")
+    case = small_compression(phase__loading__piston__pressure=0.0, phase__loading__duration="1 relaxation time")
     with pytest.raises(SolverError, match="does not relax in phase loading; give its duration"):
         run(case, path=tmp_path / "result.nc")
     assert not list(tmp_path.iterdir())

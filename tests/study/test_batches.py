@@ -21,7 +21,7 @@ RANDOM = [
     studies.parameter("anion", "tissue.anion_diffusivity", 1.6e-4, 4e-3, spacing="log"),
     studies.parameter("charge", "tissue.fixed_charge_density", "0.05 mEq/ml", "0.4 mEq/ml"),
     studies.parameter("bath", ["bath.concentration", "phase.unloading.bath_concentration"], "0.05 M", "0.3 M"),
-    studies.parameter("load", "phase.loading.piston_pressure", 0.05, 0.5, protocols="compression"),
+    studies.parameter("load", "phase.loading.piston.pressure", 0.05, 0.5, protocols="compression"),
     studies.parameter("step", "phase.loading.bath_concentration", "0.05 M", "0.3 M", protocols="swelling"),
 ]
 
@@ -100,10 +100,10 @@ def test_both_swelling_models_have_the_equilibria_that_the_runs_come_to():
 def test_a_row_that_fails_says_so_and_stops_no_other():
     """A piston that goes down in 5 s, faster than the water of the full model can leave."""
     down = {"ramp_to": -0.35, "over": 5.0}
-    ramps = [studies.parameter("ramp", "phase.loading.piston_displacement.over", "5 s", "100 s")]
+    ramps = [studies.parameter("ramp", "phase.loading.piston.displacement.over", "5 s", "100 s")]
     protocol = studies.protocol(
         geometry__cells=6, phase__loading__duration="300 s", phase__unloading__duration="10 s",
-        phase__loading__piston_displacement=down,
+        phase__loading__piston__displacement=down,
     )  # fmt: skip
     design = [{"name": "ramps", "kind": "one-at-a-time", "count": 2}]
     study = studies.study(protocol=[protocol], parameter=ramps, design=design, strain_curves=True)
@@ -124,21 +124,21 @@ def test_a_row_that_fails_says_so_and_stops_no_other():
 def test_a_row_whose_ramp_outlasts_its_phase_says_so():
     """Half the relaxation time of a permeable tissue is over before the ramp is."""
     slow = {"ramp_to": 0.1, "over": 2000.0}
-    protocol = studies.protocol(phase__loading__duration="0.5 relaxation times", phase__loading__piston_pressure=slow)
+    protocol = studies.protocol(phase__loading__duration="0.5 relaxation times", phase__loading__piston__pressure=slow)
     permeability = studies.parameter("permeability", "tissue.hydraulic_permeability", 1e-5, 1e-2)
     design = [{"name": "line", "kind": "one-at-a-time", "count": 2}]
     result = run_batch(plan(studies.study(protocol=[protocol], parameter=[permeability], design=design))[0])
     stiff, quick = result["run_status"]
     assert stiff == "complete"
     assert quick.startswith(
-        "phase[loading].piston_pressure = {ramp_to = 0.1, over = 2000}: over: 2000 s is longer than"
+        "phase[loading].piston.pressure = {ramp_to = 0.1, over = 2000}: over: 2000 s is longer than"
     )
     assert np.isnan(result["r_squared"][1]).all()
 
 
 def test_a_row_without_a_relaxation_time_says_so():
     """Nothing is done to a sample under no load, so it never relaxes."""
-    loads = [studies.parameter("load", "phase.loading.piston_pressure", 0.0, 0.2)]
+    loads = [studies.parameter("load", "phase.loading.piston.pressure", 0.0, 0.2)]
     study = studies.study(parameter=loads, design=[{"name": "loads", "kind": "one-at-a-time", "count": 3}])
     result = run_batch(plan(study)[0])
     assert "does not relax in phase loading" in result["run_status"][0]
@@ -170,7 +170,7 @@ def test_thicker_samples_take_the_square_of_their_height():
 
 
 def test_impossible_runs_are_in_no_batch():
-    loads = studies.parameter("load", "phase.loading.piston_pressure", "0.1 MPa", "10 MPa")
+    loads = studies.parameter("load", "phase.loading.piston.pressure", "0.1 MPa", "10 MPa")
     design = [{"name": "loads", "kind": "one-at-a-time", "count": 5}]
     study = studies.study(model="biphasic", parameter=[loads], design=design, impossible="skip")
     planned = {run for batch in plan(study) for run in batch.runs}

@@ -173,7 +173,7 @@ def test_names_have_to_fit_together():
         reference_model="biphasic-swelling",
         parameter=[studies.STIFFNESS, studies.STIFFNESS | {"protocols": "compresion"},
                    studies.PERMEABILITY | {"name": "r_squared"},
-                   studies.parameter("load", "phase.laoding.piston_pressure", 0.1, 0.2)],
+                   studies.parameter("load", "phase.laoding.piston.pressure", 0.1, 0.2)],
         design=combinations(parameters=["stifness"]),
     )  # fmt: skip
     expected = [
@@ -192,7 +192,7 @@ def test_names_have_to_fit_together():
 
 def test_a_design_that_varies_nothing_is_refused():
     two = [studies.protocol(), studies.protocol("swelling", "free_swelling.toml")]
-    load = studies.parameter("load", "phase.loading.piston_pressure", 0.1, 0.2, protocols="compression")
+    load = studies.parameter("load", "phase.loading.piston.pressure", 0.1, 0.2, protocols="compression")
     told = only_problem(protocol=two, parameter=[load], design=combinations())
     assert "design[spread]" in told
     assert "protocol swelling" in told
@@ -210,7 +210,7 @@ def test_protocols_have_the_same_phases_and_steps():
 
 
 # no swelling pressure holds the plain biphasic model's water: a high load presses all of it out
-LOADS = studies.parameter("load", "phase.loading.piston_pressure", "0.1 MPa", "10 MPa")
+LOADS = studies.parameter("load", "phase.loading.piston.pressure", "0.1 MPa", "10 MPa")
 MANY_LOADS = {
     "model": "biphasic",
     "parameter": [LOADS],
@@ -262,14 +262,14 @@ def test_changes_of_a_protocol_are_checked():
 def test_the_case_of_a_run_is_the_changed_case():
     """Made by way of numbers alone, which is faster; ramps and durations as well."""
     protocol = studies.protocol(
-        phase__loading__piston_pressure={"ramp_to": 0.1, "over": 50.0}, phase__loading__duration=300.0
+        phase__loading__piston__pressure={"ramp_to": 0.1, "over": 50.0}, phase__loading__duration=300.0
     )
     swelling = studies.protocol("swelling", "free_swelling.toml")
     both = ["bath.concentration", "phase.unloading.bath_concentration"]
     parameters = [
         studies.STIFFNESS, studies.HEIGHT, studies.parameter("bath", both, "0.1 M", "0.2 M"),
-        studies.parameter("ramp", "phase.loading.piston_pressure.over", "10 s", "100 s", protocols="compression"),
-        studies.parameter("load", "phase.loading.piston_pressure.ramp_to", 0.1, 0.2, protocols="compression"),
+        studies.parameter("ramp", "phase.loading.piston.pressure.over", "10 s", "100 s", protocols="compression"),
+        studies.parameter("load", "phase.loading.piston.pressure.ramp_to", 0.1, 0.2, protocols="compression"),
         studies.parameter("salt", "phase.loading.bath_concentration", "0.1 M", "0.2 M", protocols="swelling"),
     ]  # fmt: skip
     study = studies.study(protocol=[protocol, swelling], parameter=parameters, design=combinations(count=4))
@@ -284,7 +284,7 @@ def test_the_case_of_a_run_is_the_changed_case():
 
 def test_numbers_that_cannot_be_together_are_refused_alike():
     case = load_case(studies.CASES / "confined_compression.toml").with_changes({"model": "biphasic"})
-    impossible = {"tissue.youngs_modulus": 0.1, "phase.loading.piston_pressure": 50.0}
+    impossible = {"tissue.youngs_modulus": 0.1, "phase.loading.piston.pressure": 50.0}
     with pytest.raises(CaseError) as slow:
         case.with_changes(impossible)
     with pytest.raises(CaseError) as fast:

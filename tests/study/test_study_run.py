@@ -216,7 +216,7 @@ def test_a_result_is_not_replaced_unless_asked(study, tmp_path):
 
 
 def test_impossible_runs_are_named_in_the_result(tmp_path):
-    loads = studies.parameter("load", "phase.loading.piston_pressure", "0.1 MPa", "2 MPa")
+    loads = studies.parameter("load", "phase.loading.piston.pressure", "0.1 MPa", "2 MPa")
     design = [{"name": "loads", "kind": "one-at-a-time", "count": 3}]
     study = studies.study(model="biphasic", parameter=[loads], design=design, impossible="skip")
     assert [batch.runs for batch in plan(study)] == [(0, 1)]
@@ -225,7 +225,7 @@ def test_impossible_runs_are_named_in_the_result(tmp_path):
     assert (outcome.runs, outcome.complete) == (3, 2)
     result = read_study(path)
     assert list(result["run_status"].values[:2]) == ["complete", "complete"]
-    assert result["run_status"].values[2].startswith("not run: phase[loading].piston_pressure = 2: leaves no")
+    assert result["run_status"].values[2].startswith("not run: phase[loading].piston.pressure = 2: leaves no")
     assert np.isnan(result["r_squared"].values[2]).all()
     assert np.isfinite(result["r_squared"].values[:2]).all()
     np.testing.assert_allclose(result["load"], [0.1, 1.05, 2.0])

@@ -31,9 +31,9 @@ LAYERED = {
 }  # fmt: skip
 WEAKER = {"ramp_to": 1e-4, "over": 99.0}
 PISTON = [
-    {"name": "ramp", "duration": 60.0, "piston_displacement": {"ramp_to": -0.06, "over": 40.0}},
-    {"name": "bath", "duration": 300.0, "piston_displacement": -0.06, "bath_concentration": 3e-4},
-    {"name": "release", "duration": 300.0, "piston_pressure": 0.02, "bath_concentration": WEAKER},
+    {"name": "ramp", "duration": 60.0, "piston": {"displacement": {"ramp_to": -0.06, "over": 40.0}}},
+    {"name": "bath", "duration": 300.0, "piston": {"displacement": -0.06}, "bath_concentration": 3e-4},
+    {"name": "release", "duration": 300.0, "piston": {"pressure": 0.02}, "bath_concentration": WEAKER},
 ]  # fmt: skip
 PROTOCOLS: dict[str, Case] = {
     "compression": compression(**SMALL),
@@ -102,7 +102,7 @@ def test_piston_carries_the_total_stress_at_every_depth(model: str, protocol: st
     stress = uniaxial_stress(tissue.solid, result["volume_ratio"].values, tissue.fluid_fraction)
     np.testing.assert_allclose(result["effective_stress"], stress, rtol=1e-12, atol=1e-15)
     total = result["effective_stress"] - result["fluid_pressure"]
-    np.testing.assert_allclose(total, np.broadcast_to(-result["applied_pressure"], total.T.shape).T, atol=1e-13)
+    np.testing.assert_allclose(total, np.broadcast_to(-result["piston_pressure"], total.T.shape).T, atol=1e-13)
 
 
 @pytest.mark.parametrize(("model", "protocol"), BATTERY)
@@ -115,7 +115,7 @@ def test_water_potential_is_pressure_less_osmotic_pressure(model: str, protocol:
 @pytest.mark.parametrize(("model", "protocol"), BATTERY)
 def test_sample_starts_in_equilibrium_with_its_bath(model: str, protocol: str) -> None:
     start = run(model, protocol).isel(time=0)
-    assert (start["time"], start["global_strain"], start["applied_pressure"]) == (0.0, 0.0, 0.0)
+    assert (start["time"], start["global_strain"], start["piston_pressure"]) == (0.0, 0.0, 0.0)
     bath = 2 * 0.93 * GAS_CONSTANT * 298.0 * 1.5e-4 if model != "biphasic" else 0.0
     np.testing.assert_allclose(start["water_potential"], -bath, rtol=1e-11, atol=1e-13)
     for name in start:

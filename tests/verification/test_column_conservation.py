@@ -71,7 +71,7 @@ def test_error_controlled_scheme_conserves(model: str, name: str) -> None:
 def test_balances_close_under_a_prescribed_piston() -> None:
     """No water can leave that the piston does not displace."""
     case = compression(phase__loading={"name": "loading", "duration": 100.0,
-                                       "piston_displacement": {"ramp_to": -0.05, "over": 50.0}})  # fmt: skip
+                                       "piston": {"displacement": {"ramp_to": -0.05, "over": 50.0}}})  # fmt: skip
     result = fvswell.run(case, "electrochemical").isel(time=slice(0, 51))
     flux = result["water_flux"].values[1:, 0]
     speed = np.where(result["time"].values[1:] <= 50.0 + 1e-9, -0.05 / 50.0, 0.0)

@@ -37,7 +37,7 @@ def test_compression(equilibria: dict[str, xr.Dataset], model: str, free: float,
 @pytest.mark.parametrize("model", ["biphasic-swelling", "electrochemical"])
 @pytest.mark.parametrize(("bath", "expected"), [(1e-4, 1.127643), (5e-5, 1.236596)])
 def test_free_swelling(model: str, bath: float, expected: float) -> None:
-    case = relaxed(single_phase(swelling(**COMPARABLE), 1.0, piston_pressure=0.0, bath_concentration=bath), 3e4)
+    case = relaxed(single_phase(swelling(**COMPARABLE), 1.0, piston={"pressure": 0.0}, bath_concentration=bath), 3e4)
     np.testing.assert_allclose(fvswell.run(case, model)["volume_ratio"][-1], expected, atol=1e-6)
 
 

@@ -109,7 +109,7 @@ def test_times_go_as_the_square_of_the_height(model: str) -> None:
 def test_equilibrium_stays_equilibrium() -> None:
     """A phase in which nothing is done, at the start: all models stay where they are and lose nothing."""
     for scheme in ("backward-euler", "esdirk43"):
-        case = compression(phase__loading__piston_pressure=0.0, geometry__cells=10, time__scheme=scheme)
+        case = compression(phase__loading__piston__pressure=0.0, geometry__cells=10, time__scheme=scheme)
         for model in ("biphasic", "biphasic-swelling", "electrochemical"):
             result = fvswell.run(case, model)
             assert np.abs(result["global_strain"]).max() < 1e-12

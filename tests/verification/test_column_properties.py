@@ -62,10 +62,10 @@ def phases(draw: st.DrawFn) -> list[dict[str, Any]]:
                 st.one_of(decades(5e-5, 3e-4), decades(5e-5, 3e-4).map(lambda c, t=over: {"ramp_to": c, "over": t}))
             )
         if draw(st.integers(0, 3)) == 0:
-            phase["piston_displacement"] = {"ramp_to": draw(st.floats(-0.1, 0.02)), "over": over}
+            phase["piston"] = {"displacement": {"ramp_to": draw(st.floats(-0.1, 0.02)), "over": over}}
         else:
             pressure = draw(st.floats(0.0, 0.5))
-            phase["piston_pressure"] = draw(st.sampled_from([pressure, {"ramp_to": pressure, "over": over}]))
+            phase["piston"] = {"pressure": draw(st.sampled_from([pressure, {"ramp_to": pressure, "over": over}]))}
         result.append(phase)
     return result
 
@@ -82,8 +82,8 @@ def check(case: Case, model: str) -> None:
         assert result.attrs["run_status"] == "complete"
         end = sum(phase.duration for phase in case.phase)
         assert result["time"][-1] == pytest.approx(end, rel=1e-12)
-        if case.phase[-1].piston_displacement is not None:
-            aim = result["height"][0] + case.phase[-1].piston_displacement.ramp_to
+        if case.phase[-1].piston.displacement is not None:
+            aim = result["height"][0] + case.phase[-1].piston.displacement.ramp_to
             assert result["height"][-1] == pytest.approx(float(aim), rel=1e-10)
     except SolverError as error:
         result = error.result
@@ -101,7 +101,7 @@ def check(case: Case, model: str) -> None:
         cation, anion = result["cation_concentration"], result["anion_concentration"]
         assert np.all(anion > 0.0)
         assert np.all(np.abs(cation - anion - result["fixed_charge_density"]) <= 1e-14 * cation)
-    total = result["effective_stress"] - result["fluid_pressure"] + result["applied_pressure"]
+    total = result["effective_stress"] - result["fluid_pressure"] + result["piston_pressure"]
     assert np.abs(total).max() < 1e-12 * (1.0 + np.abs(result["effective_stress"]).max())
 
 
