@@ -51,7 +51,7 @@ class Evaluator:
     ) -> None:
         self.problem, self.workers, self._report = problem, workers, report
         self.kept = kept or KeptRuns(problem.n_parameters(), len(problem.data))
-        self.stage, self.runs, self.reasons = "", 0, dict[str, int]()
+        self.stage, self.runs, self.reasons = "", self.kept.earlier, dict[str, int]()
         self._began, self._least = time.monotonic(), np.inf
         self._sizes = problem.scales([each.noise or each.size for each in problem.measurements])
         self._lock = threading.Lock()
@@ -85,7 +85,7 @@ class Evaluator:
         with self._lock:
             for index in missing:
                 self.kept.keep(values[index], curves[index])
-            self._count(curves)
+            self._count(curves, len(missing))
         return curves.reshape(*np.shape(coordinates)[:-1], -1)
 
     def _simulated(self, values: Array) -> list[Array]:
@@ -103,8 +103,8 @@ class Evaluator:
             curves.append(failed if reasons else problem.curves([each for each in own if not isinstance(each, str)]))
         return curves
 
-    def _count(self, curves: Array) -> None:
-        self.runs += len(curves)
+    def _count(self, curves: Array, simulated: int) -> None:
+        self.runs += simulated
         misfit = np.sqrt(np.mean(((curves - self.problem.data) / self._sizes) ** 2, axis=1))
         self._least = min(self._least, float(np.nanmin(misfit, initial=np.inf)))
         if self._report is not None:

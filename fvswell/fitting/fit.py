@@ -27,6 +27,7 @@ __all__ = ["FitResult", "fit"]
 
 _BETTER = 0.01  # of the variance by which a profile has to find something better for the search to begin again
 _AGAIN = 2  # times
+_IDLE = "makes no difference to any measured curve: fix it, or leave it out"
 
 
 @dataclass(frozen=True)
@@ -81,8 +82,8 @@ def fit(
     with_profiles
         Whether to find profile likelihood intervals.
     processes
-        Number of processes on this machine; without it as many as there are cores for blocks, and this process alone for
-        columns, whose runs take milliseconds.
+        Number of processes on this machine; without it as many as there are cores for blocks, and this process alone
+        for columns, whose runs take milliseconds.
     scheduler
         Address of a Dask scheduler to work on instead.
     keep
@@ -132,7 +133,11 @@ def fit(
 def _refuse_idle(problem: FitProblem, before: Identifiability) -> None:
     """Parameters that change no measured curve."""
     idle = [
-        Problem(f"parameter[{name}]", parameter.keys[0], "makes no difference to any measured curve: fix it, or leave it out")
+        Problem(
+            f"parameter[{name}]",
+            parameter.keys[0],
+            _IDLE,
+        )
         for name, parameter, effect in zip(before.names, problem.parameters.free, before.alone, strict=True)
         if not np.isfinite(effect)
     ]

@@ -1,9 +1,9 @@
 """What data can tell before anything is fitted: which parameters, and which only in combination.
 
-From the sensitivities of the curves at one point and the noise: how well each parameter would be known if all others were,
-how well if they have to be found as well, and along which combination of parameters the data say least. The collinearity
-of the sensitivities is that of Brun, Reichert & Künsch (2001, doi:10.1029/2000WR900350): above 10 or so, a change of one
-parameter is undone by changes of the others.
+From the sensitivities of the curves at one point and the noise: how well each parameter would be known if all others
+were, how well if they have to be found as well, and along which combination of parameters the data say least. The
+collinearity of the sensitivities is that of Brun, Reichert & Künsch (2001, doi:10.1029/2000WR900350): above 10 or so,
+a change of one parameter is undone by changes of the others.
 """
 
 from __future__ import annotations

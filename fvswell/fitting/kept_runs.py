@@ -1,7 +1,7 @@
 """Curves that have been simulated already, in memory and on disk: what makes an interrupted fit go on where it was.
 
-A fit is the same sequence of runs whenever it is begun with the same problem, so one that is begun again finds the first
-of them here and is soon where it was. Each run is one record of a binary file: the parameters, and the curves.
+A fit is the same sequence of runs whenever it is begun with the same problem, so one that is begun again finds the
+first of them here and is soon where it was. Each run is one record of a binary file: the parameters, and the curves.
 """
 
 from __future__ import annotations
@@ -84,7 +84,9 @@ class KeptRuns:
                     "output"
                 )
             whole = (len(kept) - _HEADER) // record if kept else 0  # the last record may have been cut off
-            for row in np.frombuffer(kept, offset=_HEADER, count=whole * record // 8).reshape(whole, -1) if whole else ():
+            for row in (
+                np.frombuffer(kept, offset=_HEADER, count=whole * record // 8).reshape(whole, -1) if whole else ()
+            ):
                 self._curves[row[: self._width].tobytes()] = row[self._width :]
             file = path.open("r+b" if kept else "w+b")
             if kept:

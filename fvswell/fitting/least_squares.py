@@ -1,8 +1,8 @@
-"""Bounded nonlinear least squares, from several starts, with the noise of each measurement estimated unless it is given.
+"""Bounded nonlinear least squares from several starts; noise is estimated unless it is given.
 
-Each search is `scipy.optimize.least_squares` (trust region reflective: Branch, Coleman & Li 1999) with finite differences
-of one batch as its Jacobian. Where several measurements have noise of unknown levels, the levels follow from the
-residuals of each and the search is repeated with them until they stay (feasible generalised least squares).
+Each search is `scipy.optimize.least_squares` (trust region reflective: Branch, Coleman & Li 1999) with finite
+differences of one batch as its Jacobian. Where several measurements have noise of unknown levels, the levels follow
+from the residuals of each and the search is repeated with them until they stay (feasible generalised least squares).
 """
 
 from __future__ import annotations
@@ -25,10 +25,12 @@ __all__ = ["BestFit", "Search", "best_fit", "residuals_of"]
 SMALLEST_NOISE = 1e-6  # of the size of a curve: below it a misfit is rounding and the tolerance of the runs
 _SCREENED = 8  # points spread over the bounds for each further start
 _MOST_EVALUATIONS = 100  # of one search
-_CLOSE = 1e-9, 1e-10  # relative change of the squares and of the coordinates that ends a search
+_CLOSE = 1e-9  # relative change of the squares that ends a search
+_ROUGH = 1e-4  # the same of searches that are compared first
+_SAME_COORDINATES = 1e-10
 _ROUNDS = 10  # of noise levels
 _SAME_NOISE = 1e-3
-_SAME_SQUARES = 1e-3  # of the least sum: searches that end so near have found the same
+_SAME_END = 0.01  # of the range of every coordinate: searches that end so near each other have found the same
 _AT_BOUND = 1e-3  # of the range
 
 
@@ -118,8 +120,9 @@ class BestFit:
     @property
     def agreeing(self) -> int:
         """How many of the searches have found it."""
-        least = min(search.squares for search in self.searches)
-        return sum(search.squares <= least * (1.0 + _SAME_SQUARES) + 1e-12 for search in self.searches)
+        low, high = self.problem.parameters.bounds
+        away = [np.abs(search.end - self.coordinates) / (high - low) for search in self.searches]
+        return sum(bool((each < _SAME_END).all()) for each in away)
 
     @property
     def _least_variance(self) -> float:
@@ -132,7 +135,7 @@ def covariance_of(jacobian: Array) -> Array:
     lengths = np.linalg.norm(jacobian, axis=0)
     if not lengths.all():
         return np.full((jacobian.shape[1], jacobian.shape[1]), np.nan)
-    triangle = np.linalg.qr(jacobian / lengths, mode="r")
+    triangle: Array = np.asarray(np.linalg.qr(jacobian / lengths, mode="r"))
     if np.linalg.cond(triangle) > 1e12:
         return np.full(triangle.shape, np.nan)
     inverse = np.linalg.inv(triangle)
@@ -151,8 +154,12 @@ def best_fit(evaluator: Evaluator) -> BestFit:
     problem = evaluator.problem
     noise = [measurement.noise or measurement.size for measurement in problem.measurements]
     scales = problem.scales(noise)
-    searches = [_search(evaluator, scales, start, "search") for start in _starts(evaluator, scales)]
+    starts = _starts(evaluator, scales)
+    close = _CLOSE if len(starts) == 1 else _ROUGH
+    searches = [_search(evaluator, scales, start, "search", close) for start in starts]
     best = _best(evaluator, scales, searches)
+    if close != _CLOSE:
+        best = _best(evaluator, scales, [_search(evaluator, scales, best.coordinates, "search", _CLOSE)], searches)
     unknown = [measurement.noise is None for measurement in problem.measurements]
     if len(unknown) == 1 or not any(unknown):
         return best
@@ -160,7 +167,9 @@ def best_fit(evaluator: Evaluator) -> BestFit:
         before = np.array(noise)
         noise = list(best.noise)
         scales = problem.scales(noise)
-        best = _best(evaluator, scales, [_search(evaluator, scales, best.coordinates, "noise levels")], searches)
+        best = _best(
+            evaluator, scales, [_search(evaluator, scales, best.coordinates, "noise levels", _CLOSE)], searches
+        )
         if np.allclose(noise, before, rtol=_SAME_NOISE, atol=0.0):
             break
     return best
@@ -168,8 +177,8 @@ def best_fit(evaluator: Evaluator) -> BestFit:
 
 def refined(evaluator: Evaluator, best: BestFit, start: Array) -> BestFit:
     """The fit that a search from another point finds with the same scales."""
-    again = _search(evaluator, best.scales, start, "search")
-    return _best(evaluator, best.scales, [*best.searches, again])
+    again = _search(evaluator, best.scales, start, "search", _CLOSE)
+    return _best(evaluator, best.scales, [again], [*best.searches, again])
 
 
 def residuals_of(problem: FitProblem, curves: Array, scales: Array) -> Array:
@@ -177,7 +186,7 @@ def residuals_of(problem: FitProblem, curves: Array, scales: Array) -> Array:
     return (curves - problem.data) * (np.sqrt(problem.weights) / scales)
 
 
-def _search(evaluator: Evaluator, scales: Array, start: Array, stage: str) -> Search:
+def _search(evaluator: Evaluator, scales: Array, start: Array, stage: str, close: float) -> Search:
     from scipy.optimize import least_squares  # a tenth of a second to import
 
     evaluator.stage = stage
@@ -190,10 +199,9 @@ def _search(evaluator: Evaluator, scales: Array, start: Array, stage: str) -> Se
     def jacobian(at: Array) -> Array:
         return sensitivities(evaluator, at, evaluator.curves(at)) * factor[:, None]
 
-    ftol, xtol = _CLOSE
     found: Any = least_squares(
         residuals, problem.parameters.within(start), jacobian, problem.parameters.bounds, x_scale="jac",
-        ftol=ftol, xtol=xtol, gtol=None, max_nfev=_MOST_EVALUATIONS,
+        ftol=close, xtol=_SAME_COORDINATES, gtol=None, max_nfev=_MOST_EVALUATIONS,
     )  # fmt: skip
     return Search(start, found.x, 2.0 * float(found.cost), int(found.nfev), found.status > 0)
 

@@ -226,5 +226,7 @@ class FitProblem:
     def _only_experiment(self) -> Experiment:
         if len(self.experiments) > 1:
             names = ", ".join(measurement.name for measurement in self.measurements)
-            raise ValueError(f"the measurements {names} are of different experiments: take each by of_measurement(name)")
+            raise ValueError(
+                f"the measurements {names} are of different experiments: take each by of_measurement(name)"
+            )
         return self.experiments[0]

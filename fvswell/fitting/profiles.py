@@ -1,10 +1,10 @@
 """Profile likelihood intervals: how far a parameter can go while all others follow it.
 
-The likelihood ratio of Gaussian residuals is a difference of sums of squares S. With noise that is given, the interval of a
-parameter holds the values whose least S over the other parameters is within a quantile of chi-squared with 1 degree of
-freedom of the least of all. With noise that is estimated, S is over its estimated variance and the quantile is that of F
-with 1 and N - p degrees of freedom, which for a linear model gives Student's interval exactly (Bates & Watts 1988,
-Nonlinear Regression Analysis, section 6.1).
+The likelihood ratio of Gaussian residuals is a difference of sums of squares S. With noise that is given, the
+interval of a parameter holds the values whose least S over the other parameters is within a quantile of chi-squared
+with 1 degree of freedom of the least of all. With noise that is estimated, S is over its estimated variance and the
+quantile is that of F with 1 and N - p degrees of freedom, which for a linear model gives Student's interval exactly
+(Bates & Watts 1988, Nonlinear Regression Analysis, section 6.1).
 """
 
 from __future__ import annotations

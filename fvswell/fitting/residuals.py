@@ -67,11 +67,16 @@ def residual_tests(best: BestFit) -> tuple[ResidualTest, ...]:
         relative = float(smooth[worst] / measurement.size)
         tests.append(
             ResidualTest(
-                measurement=measurement.name, runs=runs, expected_runs=expected, probability=probability,
+                measurement=measurement.name,
+                runs=runs,
+                expected_runs=expected,
+                probability=probability,
                 autocorrelation=float(centred[1:] @ centred[:-1]) / power if power else 0.0,
-                systematic=float(smooth[worst]), time=float(measurement.times[worst]), relative=relative,
+                systematic=float(smooth[worst]),
+                time=float(measurement.times[worst]),
+                relative=relative,
                 structured=probability < _LEVEL and len(own) >= _FEWEST and abs(relative) > _NOTICED,
-            )  # fmt: skip
+            )
         )
     return tuple(tests)
 

@@ -1,7 +1,7 @@
 """How the curves change with the parameters: finite differences, all runs of them in one batch.
 
-The steps of a run follow smoothly from its parameters, so differences over a thousandth are good to some 1e-5 even though
-the run itself is as accurate as its tolerance only.
+The steps of a run follow smoothly from its parameters, so differences over a thousandth are good to some 1e-5 even
+though the run itself is as accurate as its tolerance only.
 """
 
 from __future__ import annotations

@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
+from fvswell.analysis.histories import history_at
 from fvswell.case.case import Case
 from fvswell.case.errors import CaseError, Problem, nearest_name
 from fvswell.errors import SolverError
 from fvswell.numerics.state import Record, State, record_room
 from fvswell.physics.tissue import Array
+from fvswell.results.layout import SAME_TIME
 from fvswell.simulation.march import march_all
 from fvswell.simulation.relaxation import phase_durations
-from fvswell.simulation.setup import make_setup
+from fvswell.simulation.setup import Setup, make_setup
 
 __all__ = ["Experiment"]
 
@@ -70,14 +73,43 @@ class Experiment:
 
 
 def case_histories(case: Case, quantities: Sequence[str], times: Array, durations: Sequence[float]) -> Array:
-    """Histories of a case; see `Experiment`."""
+    """Histories of a case; see `Experiment`.
+
+    Steps that are chosen by the error have outputs anywhere. Steps of given length would become others with outputs
+    between them, so histories are interpolated between their ends.
+    """
     setup = make_setup(case)
+    steps = setup.control().fixed_steps
+    if steps == 0:
+        return _recorded(setup, quantities, times, durations)
+    starts = np.cumsum([0.0, *durations])
+    ends = _step_ends(setup, starts, steps)
+    recorded = _recorded(setup, quantities, ends, durations)
+    values = np.full((len(quantities), len(times)), np.nan)
+    for start, end in pairwise(starts):
+        own = (times > start) & (times <= end) if start > 0.0 else times <= end
+        if own.any():
+            values[:, own] = [history_at(ends, history, start, times[own]) for history in recorded]
+    return values
+
+
+def _step_ends(setup: Setup, starts: Array, steps: int) -> Array:
+    """Ends of so many equal steps in each phase, and corners of loads, where steps end as well; 0 is the first."""
+    equal = [
+        start + length * np.arange(1, steps + 1) / steps for start, length in zip(starts, np.diff(starts), strict=False)
+    ]
+    segments = setup.protocol(np.diff(starts).tolist(), times=())
+    ends = np.unique(np.concatenate([[0.0], *equal, starts[segments.phase] + segments.end]))
+    return ends[np.diff(ends, append=np.inf) > SAME_TIME * starts[-1]]
+
+
+def _recorded(setup: Setup, quantities: Sequence[str], times: Array, durations: Sequence[float]) -> Array:
+    """Histories at outputs of a run."""
+    case = setup.case
     later = times[times > 0.0]
     before = _initial(setup.state)
     with np.errstate(all="ignore"):  # a run that fails on the way says so in words
-        record, problem = march_all(
-            setup, setup.protocol(durations, times=later), setup.control()._replace(every=0)
-        )
+        record, problem = march_all(setup, setup.protocol(durations, times=later), setup.control()._replace(every=0))
     if problem:
         raise SolverError(f"{case.source}: {problem}")
     found = setup.fields(record)

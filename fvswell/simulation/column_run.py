@@ -178,7 +178,10 @@ class ColumnRun:
         return max(float(np.nan_to_num(strains).max()), SMALLEST_STRAIN)
 
     def protocol(
-        self, durations: Sequence[float], multiples: Sequence[float] | None = None, times: Sequence[float] | Array | None = None
+        self,
+        durations: Sequence[float],
+        multiples: Sequence[float] | None = None,
+        times: Sequence[float] | Array | None = None,
     ) -> Protocol:
         """Protocol with phases of given durations.
 

@@ -9,9 +9,9 @@ from sample_cases import small_block, small_compression
 from typer.testing import CliRunner
 
 from fvswell.analysis.characteristics import characteristics
-from fvswell.analysis.fit import fit, fit_problem
 from fvswell.case.case import Case, CaseError
 from fvswell.cli.main import app
+from fvswell.fitting.reduced_model import ReducedFit, fit_reduced_model, reduced_problem
 
 
 def gentle_compression(**changes: object) -> Case:
