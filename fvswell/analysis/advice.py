@@ -18,7 +18,14 @@ from fvswell.physics.models import BIPHASIC_SWELLING, ELECTROCHEMICAL
 from fvswell.physics.osmotic import bath_log_activity
 from fvswell.physics.permeability import hydraulic_permeability
 from fvswell.physics.tissue import Array, Tissue
-from fvswell.prediction.case_prediction import conditions_of, is_uniform, mean_tissue, predict_cases, unpredictable
+from fvswell.prediction.case_prediction import (
+    conditions_of,
+    is_uniform,
+    mean_tissue,
+    predict_cases,
+    stress_free_heights,
+    unpredictable,
+)
 from fvswell.prediction.predictor import Prediction, kind_of_change
 from fvswell.study.points import CURVES
 
@@ -100,7 +107,7 @@ def _phases(case: Case, prediction: Prediction, accuracy: Accuracy) -> tuple[Pha
     kinds = [kind_of_change(*change).item() for change in changes]
     end = prediction.equilibrium_strain[0]
     before = np.append(0.0, end[:-1])
-    height = case.geometry.height * _initial_stretch(case)
+    height = float(stress_free_heights([case]).item()) * _initial_stretch(case)
     advice = []
     for p, (phase, kind) in enumerate(zip(case.phase, kinds, strict=True)):
         r_squared = float(prediction.r_squared[0, p])
@@ -134,6 +141,10 @@ def _beyond(case: Case, phases: Sequence[PhaseAdvice]) -> Iterator[str]:
         yield "a tissue that varies with depth"
     if case.tissue.solid != "neo-hookean":
         yield f"a {case.tissue.solid} solid"
+    if case.tissue.fibres:
+        yield "fibres"
+    if case.tissue.osmotic not in ("constant", "charge-dependent"):
+        yield f"the {case.tissue.osmotic} osmotic law"
     if np.ptp(hydraulic_permeability(mean_tissue([case]), np.array([0.9, 1.0, 1.1]))) > 0.0:
         yield "a permeability that varies with strain"
     if any(np.exp(-_SLOWEST_MODE * phase.duration / phase.diffusion_time) > _EQUILIBRATED for phase in phases[:-1]):

@@ -13,6 +13,7 @@ from fvswell.physics.permeability import hydraulic_permeability, open_circuit_ra
 from fvswell.physics.solids import aggregate_modulus
 from fvswell.physics.tissue import Array, Tissue, fixed_charge_density
 from fvswell.simulation.run import Setup, make_setup
+from fvswell.simulation.sample_states import SampleState, sample_states
 
 __all__ = ["Characteristics", "Equilibria", "characteristics", "salt_diffusivity"]
 
@@ -31,6 +32,7 @@ class Characteristics:
     """Derived numbers of a case."""
 
     equilibria: dict[str, Equilibria]  # by model
+    states: dict[str, SampleState]  # the stress-free and the equilibrated sample, of the case's own model
     open_circuit_ratio: tuple[float, float]  # k_open/k of the equilibrated sample, least and largest
     drainage_length: float  # farthest way to the bath, mm: of columns the height of the equilibrated sample
     consolidation_time: float  # drainage length squared/(k H), s
@@ -55,6 +57,7 @@ def characteristics(case: Case) -> Characteristics:
     length = full.drainage_length
     return Characteristics(
         equilibria={name: _equilibria(setup) for name, setup in setups.items()},
+        states=sample_states(setups[case.model]),
         open_circuit_ratio=(float(ratio.min()), float(ratio.max())),
         drainage_length=length,
         consolidation_time=float(length**2 / np.min(consolidation)),

@@ -9,6 +9,7 @@ import numpy as np
 from fvswell.boundary.sides import EDGE_AXIS, EDGES, OUTWARD
 from fvswell.case.errors import Finding
 from fvswell.case.geometry import BlockGeometry
+from fvswell.case.reference_state import stress_free
 from fvswell.case.schema import CaseTable
 from fvswell.case.values import RelaxationTimes, final_value
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
@@ -54,7 +55,8 @@ def edge_loads(case: CaseTable, tissue: Tissue, points: Array) -> Iterator[Findi
 
     A block is at most as thick as a column that swells along one axis alone.
     """
-    free = equilibrium_volume_ratio(MODELS[case.model].tissue(tissue), 0.0, case.bath.concentration)
+    tissue, swollen = stress_free(case, tissue, MODELS[case.model])
+    free = equilibrium_volume_ratio(tissue, 0.0, case.bath.concentration) / swollen
     stretch = max(1.0, float(np.nan_to_num(free).max()))
     edges = {part.name: part.edge for part in case.parts}
     for index, phase in enumerate(case.phase):

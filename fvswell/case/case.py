@@ -66,13 +66,13 @@ class Case(CaseTable):
         return self._source
 
     def tissue_at(self, points: Array) -> Tissue:
-        """Tissue at points.
+        """Tissue at points, with the numbers of its reference state, which `fvswell.case.reference_state` converts.
 
         Parameters
         ----------
         points
-            Of the stress-free solid, mm: of a column distances from the filter, shape (points,); of a block positions
-            along x and y, shape (2, points).
+            Of the sample in its reference state, mm: of a column distances from the filter, shape (points,); of a block
+            positions along x and y, shape (2, points).
 
         Returns
         -------
@@ -98,7 +98,7 @@ class Case(CaseTable):
         CaseError
             If a key is unknown or the changed case has any problem.
         """
-        content: Mapping[str, Any] = self._content
+        content: Mapping[str, Any] = self.content
         if content["output"] == self.time.default_output:
             content = {key: value for key, value in content.items() if key != "output"}
         content = changed_content(type(self), content, changes, self.source)
@@ -123,12 +123,12 @@ class Case(CaseTable):
         if case is None:
             return self.with_changes(changes)
         if not checked and (findings := list(check_case(case))):
-            raise CaseError(problems_of(type(self), case._content, findings), self.source)
+            raise CaseError(problems_of(type(self), case.content, findings), self.source)
         return case
 
     def to_toml(self) -> str:
         """The resolved case in internal units, complete: ``Case.from_toml`` gives the same case back."""
-        return _HEADER + tomli_w.dumps(self._content)
+        return _HEADER + tomli_w.dumps(self.content)
 
     @cached_property
     def sha256(self) -> str:
@@ -136,11 +136,15 @@ class Case(CaseTable):
         return hashlib.sha256(self.to_toml().encode()).hexdigest()
 
     @cached_property
-    def _content(self) -> dict[str, Any]:
-        return self.model_dump(exclude_none=True)
+    def content(self) -> dict[str, Any]:
+        """The resolved case in internal units, as tables of plain values."""
+        content = self.model_dump(exclude_none=True)
+        if not self.tissue.fibres:
+            del content["tissue"]["fibres"]
+        return content
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Case) and self._content == other._content
+        return isinstance(other, Case) and self.content == other.content
 
     def __hash__(self) -> int:
         return hash(self.sha256)

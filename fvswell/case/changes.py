@@ -6,12 +6,12 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any, TypeVar
 
 from fvswell.case.errors import CaseError, Problem, nearest_name, shown
-from fvswell.case.tables import Table, inner_tables
+from fvswell.case.tables import Table, inner_tables, is_array
 
 __all__ = ["changed_content", "with_numbers"]
 
 _Root = TypeVar("_Root", bound=Table)
-_DERIVED = ("_content", "sha256", "parts")  # what a case has worked out, and keeps
+_DERIVED = ("content", "sha256", "parts")  # what a case has worked out, and keeps
 
 
 def changed_content(
@@ -65,9 +65,8 @@ def _with_number(table: _Root, keys: Sequence[str], value: float) -> _Root | Non
     elif isinstance(old, Table):
         new = _with_number(old, rest, value)
     elif isinstance(old, tuple) and len(rest) > 1:
-        names = [getattr(item, "name", None) for item in old]
-        index = names.index(rest[0]) if rest[0] in names else -1
-        item = _with_number(old[index], rest[1:], value) if index >= 0 else None
+        index = _index([getattr(item, "name", None) for item in old], rest[0])
+        item = _with_number(old[index], rest[1:], value) if isinstance(old[0], Table) and index < len(old) else None
         new = None if item is None else (*old[:index], item, *old[index + 1 :])
     if new is None:
         return None
@@ -96,11 +95,9 @@ def _changed(
             new.pop(key, None)
             return new
         new[key] = value
-        if table is None or key not in table.alternatives:
-            return new
-        return _without(new, table.alternatives, prefix, changes)
+        return new if table is None else _without(new, set(table.displaced(key, new)) - {key}, prefix, changes)
     prefix = f"{prefix}{key}."
-    old = content.get(key, {})
+    old: Any = content.get(key, () if table is not None and is_array(table, key) else {})
     before = table.inner_table(content, key, old) if table is not None else None
     if isinstance(old, list | tuple) and inner:
         new[key] = _changed_array(before, old, prefix, rest, value, changes)
@@ -131,14 +128,22 @@ def _changed_array(
     """Copy of an array of tables with one value set in the table of a given name or number."""
     name, *rest = keys
     names = [str(item.get("name", "")) if isinstance(item, Mapping) else "" for item in items]
-    index = names.index(name) if name in names else int(name) if name.isdecimal() else len(items)
+    index = _index(names, name)
     if index >= len(items):
         near = nearest_name(name, names)
         hint = f"; did you mean {near}?" if near else ""
-        raise ValueError(f"there is no {prefix}{name}; there are {', '.join(names)}{hint}")
+        known = [own or str(number) for number, own in enumerate(names)]
+        raise ValueError(f"there is no {prefix}{name}; there are {', '.join(known) or 'none'}{hint}")
     new = list(items)
     if not rest:
         new[index] = value
         return new
     new[index] = _changed(table, items[index], f"{prefix}{name}.", rest, value, changes)
     return new
+
+
+def _index(names: Sequence[str | None], name: str) -> int:
+    """Place of a table in an array by its name or its number; their count if there is none."""
+    if name in names:
+        return names.index(name)
+    return min(int(name), len(names)) if name.isdecimal() else len(names)

@@ -10,6 +10,7 @@ import numpy as np
 
 from fvswell.case.acting_loads import acting_loads, reference_bath
 from fvswell.case.errors import Finding, Location
+from fvswell.case.reference_state import stress_free
 from fvswell.case.schema import CaseTable
 from fvswell.case.values import Ramp, final_value
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
@@ -18,7 +19,7 @@ from fvswell.physics.osmotic import osmotic_pressure_difference
 from fvswell.physics.solids import uniaxial_stress
 from fvswell.physics.tissue import Array, Tissue
 
-__all__ = ["lost_water"]
+__all__ = ["lost_water", "piston_pressure", "pressed_by"]
 
 _State = tuple[float, float]  # pressure of the piston, concentration of the bath
 
@@ -39,10 +40,10 @@ def lost_water(case: CaseTable, tissue: Tissue, depth: Array) -> Iterator[Findin
     depth
         Increasing, mm from the filter, ``(points,)``.
     """
-    tissue = MODELS[case.model].tissue(tissue)
     reference = reference_bath(case.parts)
     if reference is None:
         return  # reported of the boundary
+    tissue, swollen = stress_free(case, tissue, MODELS[case.model])
     start = (0.0, case.bath.concentration)
     loads: dict[int, _State] = {}  # at the end of each phase under pressure
     acting = acting_loads(case)
@@ -58,8 +59,8 @@ def lost_water(case: CaseTable, tissue: Tissue, depth: Array) -> Iterator[Findin
             return
         for (index, state), gone in zip(loads.items(), lost[1:], strict=True):
             if gone:
-                yield Finding(_place(case, index), _largest_load(tissue, *state))
-    yield from _too_low_pistons(case, acting, tissue, depth)
+                yield Finding(pressed_by(case, index), _largest_load(tissue, *state))
+    yield from _too_low_pistons(case, acting, tissue, depth, swollen)
 
 
 def piston_pressure(case: CaseTable, acting: Mapping[str, float | Ramp]) -> float | Ramp | None:
@@ -72,7 +73,7 @@ def piston_pressure(case: CaseTable, acting: Mapping[str, float | Ramp]) -> floa
     return force._replace(ramp_to=force.ramp_to / area) if isinstance(force, Ramp) else force / area
 
 
-def _place(case: CaseTable, index: int) -> Location:
+def pressed_by(case: CaseTable, index: int) -> Location:
     """What a phase gives of the piston's load, or the phase."""
     given = (name for name in case.phase[index].loads() if name in ("piston.pressure", "piston.force"))
     name = next(given, "")
@@ -123,16 +124,19 @@ def _rounded_down(value: float) -> float:
 
 
 def _too_low_pistons(
-    case: CaseTable, acting: Sequence[Mapping[str, float | Ramp]], tissue: Tissue, depth: Array
+    case: CaseTable, acting: Sequence[Mapping[str, float | Ramp]], tissue: Tissue, depth: Array, swollen: Array | float
 ) -> Iterator[Finding]:
-    """Displacements that would leave no room for water beside the solid."""
+    """Displacements that would leave no room for water beside the solid.
+
+    ``swollen`` is the volume ratio of the state that the height and the depths are of.
+    """
     loads = {index: each.get("piston.displacement") for index, each in enumerate(acting)}
     displacements = {index: final_value(load) for index, load in loads.items() if load is not None}
     if not displacements:
         return
     height = case.geometry.height
-    solid = height * _mean(1.0 - np.atleast_1d(tissue.fluid_fraction), depth)
-    free = height * _mean(_volume_ratios(tissue, [(0.0, case.bath.concentration)])[0], depth)
+    solid = height * _mean((1.0 - np.atleast_1d(tissue.fluid_fraction)) / swollen, depth)
+    free = height * _mean(_volume_ratios(tissue, [(0.0, case.bath.concentration)])[0] / swollen, depth)
     for index, displacement in displacements.items():
         left = free + displacement
         if left <= solid:

@@ -16,24 +16,15 @@ from fvswell.boundary.parts import Part
 from fvswell.case.boundary import BlockBoundary, Boundary, ColumnBoundary
 from fvswell.case.geometry import AnyGeometry, ColumnGeometry, Geometry
 from fvswell.case.phases import BlockPhase, ColumnPhase, Phase
-from fvswell.case.profiles import Coordinates, DepthProfile, PlaneProfile, Profile
 from fvswell.case.tables import Table, inner_tables, variant
 from fvswell.case.time_stepping import BackwardEuler, Esdirk43, Output, TimeStepping
+from fvswell.case.tissue import TissueProperties
 from fvswell.case.values import Choice, Quantity, Text
-from fvswell.physics.constants import GAS_CONSTANT
 from fvswell.physics.models import MODELS as _MODELS
-from fvswell.physics.osmotic import ConstantCoefficients
-from fvswell.physics.permeability import PERMEABILITIES
-from fvswell.physics.solids import SOLIDS
-from fvswell.physics.tissue import Array, Tissue
 
 __all__ = ["MODELS", "Bath", "CaseTable", "TissueProperties"]
 
 MODELS = tuple(_MODELS)
-
-_Varying = float | DepthProfile | PlaneProfile
-_LAWS: dict[str, dict[str, Any]] = {"solid": SOLIDS, "permeability": PERMEABILITIES}  # chosen by these keys
-_DIFFUSIVITY = Quantity("diffusivity", above=0.0, varying=True)
 
 
 class Bath(Table):
@@ -42,120 +33,14 @@ class Bath(Table):
     concentration: Annotated[float, Quantity("concentration", above=0.0)] = Field(
         description="Concentration of the monovalent salt before the first phase."
     )
-    osmotic_coefficient: Annotated[float, Quantity(above=0.0)] = Field(
-        description="Osmotic coefficient of the bath, phi_ext."
+    osmotic_coefficient: Annotated[float | None, Quantity(above=0.0)] = Field(
+        default=None,
+        description="Osmotic coefficient of the bath, phi_ext: 0.93 of the activity law without it; the constant and "
+        "the charge-dependent law need it, and the ideal law has none.",
     )
     temperature: Annotated[float, Quantity("temperature", above=0.0)] = Field(
         default=298.0, description="Absolute temperature of bath and tissue."
     )
-
-
-class TissueProperties(Table):
-    """Properties of the tissue; those with an initial value are of the stress-free solid, J = 1."""
-
-    alternatives = ("osmotic_coefficient", "osmotic_coefficient_per_charge")
-
-    solid: Annotated[str, Choice(tuple(SOLIDS))] = Field(
-        description="Constitutive law of the solid: that of Wilson et al. (2005), eq 10; that of Bonet and "
-        "Wood with the logarithm of J; that of Holmes and Mow with exponential stiffening; or that of Wilson et al. "
-        "(2007), whose Poisson's ratio follows the solid fraction."
-    )
-    youngs_modulus: Annotated[_Varying | None, Quantity("pressure", above=0.0, varying=True)] = Field(
-        default=None, description="Young's modulus of the drained solid at small strain, E."
-    )
-    poisson_ratio: Annotated[_Varying | None, Quantity(above=-1.0, below=0.5, varying=True)] = Field(
-        default=None, description="Poisson's ratio of the drained solid at small strain, nu."
-    )
-    shear_modulus: Annotated[_Varying | None, Quantity("pressure", above=0.0, varying=True)] = Field(
-        default=None, description="Shear modulus G of the law that takes Poisson's ratio from the solid fraction."
-    )
-    stiffening_coefficient: Annotated[_Varying | None, Quantity(above=0.0, varying=True)] = Field(
-        default=None, description="beta of the Holmes-Mow law, which needs it; other laws do not take it."
-    )
-    permeability: Annotated[str, Choice(tuple(PERMEABILITIES))] = Field(
-        default="exponential",
-        description="Law of the permeability: constant, k0; exponential, k0 exp(M (J - 1)); that of Holmes and Mow, "
-        "k0 ((J - 1 + n_f0)/n_f0)^a exp(M (J^2 - 1)/2); a power of the solid fraction, alpha (1 - n_f)^-M; or that of "
-        "Kozeny and Carman, k0 (n_f/n_f0)^3 ((1 - n_f0)/(1 - n_f))^2.",
-    )
-    hydraulic_permeability: Annotated[_Varying | None, Quantity("hydraulic permeability", above=0.0, varying=True)] = (
-        Field(default=None, description="Permeability at J = 1, k0.")
-    )
-    permeability_coefficient: Annotated[
-        _Varying | None, Quantity("hydraulic permeability", above=0.0, varying=True)
-    ] = Field(default=None, description="alpha of the permeability by the solid fraction.")
-    permeability_exponent: Annotated[_Varying, Quantity(varying=True)] = Field(
-        default=0.0, description="M of the law of the permeability."
-    )
-    permeability_power: Annotated[_Varying | None, Quantity(at_least=0.0, varying=True)] = Field(
-        default=None, description="a of the Holmes-Mow permeability, which needs it; other laws do not take it."
-    )
-    fluid_fraction: Annotated[_Varying, Quantity(above=0.0, below=1.0, varying=True)] = Field(
-        description="Volume fraction of the fluid at J = 1, n_f0."
-    )
-    fixed_charge_density: Annotated[_Varying, Quantity("concentration", at_least=0.0, varying=True)] = Field(
-        description="Fixed negative charge per volume of fluid at J = 1, c_F0 (one equivalent is one mole)."
-    )
-    osmotic_coefficient: Annotated[_Varying | None, Quantity(above=0.0, varying=True)] = Field(
-        default=None, description="Osmotic coefficient inside the tissue, phi_int. Either this or the next."
-    )
-    osmotic_coefficient_per_charge: Annotated[_Varying | None, Quantity("volume per charge", varying=True)] = Field(
-        default=None,
-        description="X in phi_int = phi_ext - X c_F0, Wilson et al. (2005), eq 14; phi_int must be above 0.",
-    )
-    activity_ratio: Annotated[_Varying, Quantity(above=0.0, varying=True)] = Field(
-        default=1.0, description="Square of the ratio of the activity coefficients outside and inside."
-    )
-    cation_diffusivity: Annotated[_Varying, _DIFFUSIVITY] = Field(description="Diffusivity of the cation, D+.")
-    anion_diffusivity: Annotated[_Varying, _DIFFUSIVITY] = Field(description="Diffusivity of the anion, D-.")
-    hindrance_factor: Annotated[_Varying, Quantity(at_least=0.0, at_most=1.0, varying=True)] = Field(
-        default=0.0, description="r: the water drags the ions along with 1 - r of its velocity."
-    )
-
-    @classmethod
-    def presence_problems(cls, table: Mapping[str, Any]) -> list[tuple[str, str]]:
-        """As for every table; and the parameters of a law go with the law that uses them."""
-        problems = super().presence_problems(table)
-        for kind, laws in _LAWS.items():
-            chosen = table.get(kind, cls.model_fields[kind].default)
-            if not isinstance(chosen, str) or chosen not in laws:
-                continue  # reported as a wrong choice, or as missing
-            own = laws[chosen]._fields
-            for key in dict.fromkeys(field for law in laws.values() for field in law._fields):
-                if key in own and key not in table and cls.model_fields[key].default is None:
-                    problems.append((key, f'missing; {kind} = "{chosen}" needs it'))
-                if key not in own and key in table:
-                    names = " or ".join(f'"{name}"' for name, law in laws.items() if key in law._fields)
-                    problems.append((key, f"is for {kind} = {names} only"))
-        return problems
-
-    def at(self, coordinates: Coordinates, bath: Bath) -> Tissue:
-        """Tissue at points; numbers where homogeneous, arrays (points,) where varying."""
-
-        def value(quantity: float | Profile) -> Array | float:
-            return quantity.at(coordinates) if isinstance(quantity, Profile) else quantity
-
-        def law(kind: str) -> Any:
-            chosen: Any = _LAWS[kind][getattr(self, kind)]
-            return chosen(*(value(getattr(self, key)) for key in chosen._fields))
-
-        if self.osmotic_coefficient is not None:
-            coefficient = value(self.osmotic_coefficient)
-        else:
-            assert self.osmotic_coefficient_per_charge is not None  # one of the two is there
-            fall = value(self.osmotic_coefficient_per_charge) * value(self.fixed_charge_density)
-            coefficient = bath.osmotic_coefficient - fall
-        return Tissue(
-            solid=law("solid"),
-            permeability=law("permeability"),
-            osmotic=ConstantCoefficients(coefficient, bath.osmotic_coefficient, value(self.activity_ratio)),
-            fluid_fraction=value(self.fluid_fraction),
-            fixed_charge_density=value(self.fixed_charge_density),
-            cation_diffusivity=value(self.cation_diffusivity),
-            anion_diffusivity=value(self.anion_diffusivity),
-            hindrance_factor=value(self.hindrance_factor),
-            thermal_energy=GAS_CONSTANT * bath.temperature,
-        )
 
 
 def _with_default_scheme(table: Any) -> Any:

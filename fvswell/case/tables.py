@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cache
 from typing import Any, ClassVar, Literal, get_args, get_origin
 
@@ -33,6 +33,11 @@ class Table(BaseModel):
         if cls.alternatives and cls.needs_alternative and not given:
             return [(cls.alternatives[0], f"missing; give one of {', '.join(cls.alternatives)}")]
         return []
+
+    @classmethod
+    def displaced(cls, key: str, content: Mapping[str, Any]) -> Collection[str]:
+        """Keys that have no place beside one that has been set in the raw content of this table."""
+        return cls.alternatives if key in cls.alternatives else ()
 
     @classmethod
     def inner_table(cls, content: Mapping[str, Any], key: str, item: Any) -> type[Table] | None:

@@ -12,7 +12,9 @@ from fvswell.case.errors import CaseError, Problem
 if TYPE_CHECKING:
     from fvswell.case.case import Case
 
-__all__ = ["CaseFile", "Directory", "Force", "Quiet", "Settings", "output_directory", "read_case"]
+__all__ = [
+    "CaseFile", "Directory", "Force", "Quiet", "Settings", "output_directory", "print_warnings", "read_case",
+]  # fmt: skip
 
 CaseFile = Annotated[
     Path, typer.Argument(metavar="CASE", help="A case (.toml), or a result (.nc) whose case is taken.")
@@ -53,6 +55,16 @@ def read_case(path: Path, settings: list[str] | None, model: str | None = None) 
         changes["model"] = model
     case = case_of_result(path) if path.suffix == ".nc" else load_case(path)
     return case.with_changes(changes) if changes else case
+
+
+def print_warnings(case: Case) -> list[Problem]:
+    """Print what is legal in a case and hardly meant, on the standard error stream."""
+    from fvswell.case.plausibility import warnings_of
+
+    warnings = warnings_of(case)
+    for warning in warnings:
+        typer.echo(f"warning: {case.source}: {warning}", err=True)
+    return warnings
 
 
 def output_directory(case_file: Path, output: Path | None) -> Path:

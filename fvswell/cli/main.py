@@ -9,8 +9,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fvswell.case.errors import CaseError, Problem
 from fvswell.cli import blocks, studies
-from fvswell.cli.arguments import CaseFile, Directory, Force, Quiet, Settings, output_directory, read_case
+from fvswell.cli.arguments import (
+    CaseFile,
+    Directory,
+    Force,
+    Quiet,
+    Settings,
+    output_directory,
+    print_warnings,
+    read_case,
+)
 from fvswell.cli.errors import INTERRUPTED, reported_errors
 from fvswell.errors import OutputError, SolverError
 from fvswell.reporting.console import Console
@@ -83,6 +93,7 @@ def run(
         refuse_existing([path], force)
     console = Console(quiet)
     console.lines(*case_lines(case))
+    print_warnings(case)
     try:
         _simulate(case, path, force, console, start_from=start_from, resume=resume)
     except KeyboardInterrupt:
@@ -92,17 +103,28 @@ def run(
 
 @app.command()
 @reported_errors
-def check(case_file: CaseFile, settings: Settings = None) -> None:
+def check(
+    case_file: CaseFile,
+    settings: Settings = None,
+    strict: Annotated[bool, typer.Option("--strict", help="Fail on warnings as well.")] = False,
+) -> None:
     """Check a case: all that is wrong, or derived numbers."""
     from fvswell.analysis.characteristics import characteristics
-    from fvswell.reporting.reports import case_lines, characteristics_table
+    from fvswell.reporting.reports import case_lines, characteristics_table, states_table
 
     case = read_case(case_file, settings)
     console = Console()
     console.lines(*case_lines(case), "")
-    table, lines = characteristics_table(case, characteristics(case))
+    numbers = characteristics(case)
+    console.table(states_table(numbers.states))
+    console.lines("")
+    table, lines = characteristics_table(case, numbers)
     console.table(table)
-    console.lines("", *lines, f"{case_file}: is valid")
+    console.lines("", *lines)
+    warnings = print_warnings(case)
+    if strict and warnings:
+        raise CaseError([Problem("", "", "has warnings, and --strict lets none pass")], case.source)
+    console.lines(f"{case_file}: is valid")
 
 
 @app.command()
@@ -209,13 +231,24 @@ def info(
 ) -> None:
     """Show what is in a result."""
     from fvswell.case.case import Case
-    from fvswell.reporting.reports import case_lines, content_table, effort_lines, phase_table, result_lines
+    from fvswell.reporting.reports import (
+        case_lines,
+        content_table,
+        effort_lines,
+        phase_table,
+        result_lines,
+        states_table,
+    )
     from fvswell.results.file import read_result
+    from fvswell.simulation.sample_states import states_in
 
     dataset = read_result(result)
     case = Case.from_toml(dataset.attrs["case_toml"], str(result))
     console = Console()
     console.lines(*case_lines(case), *result_lines(dataset), "")
+    if states := states_in(dataset.attrs):
+        console.table(states_table(states))
+        console.lines("")
     console.table(phase_table(dataset, case))
     console.lines("", *effort_lines(dataset), "")
     console.table(content_table(dataset))

@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fvswell.case.errors import CaseError, Problem
-from fvswell.cli.arguments import CaseFile, Directory, Force, Quiet, Settings, output_directory, read_case
+from fvswell.cli.arguments import (
+    CaseFile,
+    Directory,
+    Force,
+    Quiet,
+    Settings,
+    output_directory,
+    print_warnings,
+    read_case,
+)
 from fvswell.cli.errors import INTERRUPTED, reported_errors
 from fvswell.reporting.console import Console, TextTable
 
@@ -116,6 +125,7 @@ def advise(case_file: CaseFile, settings: Settings = None) -> None:
     advice = advise_on(case)
     console = Console()
     console.lines(*case_lines(case, "biphasic-swelling or electrochemical?"))
+    print_warnings(case)
     for table in advice_tables(advice):
         console.lines("")
         console.table(table)

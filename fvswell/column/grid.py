@@ -14,7 +14,7 @@ import numpy as np
 from fvswell.numerics.graded_grid import graded_widths
 from fvswell.physics.tissue import Array
 
-__all__ = ["ColumnGrid", "column_grid"]
+__all__ = ["ColumnGrid", "column_grid", "grid_of_widths"]
 
 
 class ColumnGrid(NamedTuple):
@@ -36,12 +36,16 @@ class ColumnGrid(NamedTuple):
 
 def column_grid(height: float, cells: int, grading: float) -> ColumnGrid:
     """Make the grid of a column of the given reference height (mm), finest at x = 0."""
-    widths = graded_widths(height, cells, grading)
+    return grid_of_widths(graded_widths(height, cells, grading))
+
+
+def grid_of_widths(widths: Array) -> ColumnGrid:
+    """Make the grid of cells of given widths (mm), from x = 0 on."""
     nodes = np.concatenate([[0.0], np.cumsum(widths)])
     halves = np.concatenate([[0.0], 0.5 * widths, [0.0]])
     below, above = halves[:-1], halves[1:]
     distance = below + above
-    inner = np.full(cells + 1, 0.5)
+    inner = np.full(len(nodes), 0.5)
     inner[[0, -1]] = 0.0
     return ColumnGrid(
         widths, 0.5 * (nodes[1:] + nodes[:-1]), nodes,

@@ -20,18 +20,21 @@ import numpy as np
 
 from fvswell.compiled import anywhere, generic, point
 from fvswell.compiled.dual import value_of
-from fvswell.physics.fibre_laws import fibre_tension
+from fvswell.physics.fibre_laws import fibre_tension, tension_over_directions
 
 __all__ = [
     "FIBRE_DIRECTIONS",
     "IsotropicDirections",
     "OneDirection",
+    "PlanarAcrossX",
+    "PlanarAcrossZ",
     "PlanarDirections",
     "SecondPiola",
     "axial_fibre_stress",
     "fibre_stress",
     "mean_fibre_stress",
     "one_direction",
+    "planar_directions",
 ]
 
 
@@ -41,6 +44,14 @@ class IsotropicDirections(NamedTuple):
 
 class PlanarDirections(NamedTuple):
     """All directions in the plane of x and z alike: of the hoops and radii of a disc, across the axis of a column."""
+
+
+class PlanarAcrossX(NamedTuple):
+    """All directions in the plane of y and z alike: of a disc, around it and along its axis."""
+
+
+class PlanarAcrossZ(NamedTuple):
+    """All directions in the plane of x and y alike: that of a block in plane strain."""
 
 
 class OneDirection(NamedTuple):
@@ -69,9 +80,15 @@ def one_direction(angle: Any, tilt: Any = 0.0) -> OneDirection:
     return OneDirection(cosine**2 * (1.0 - out), sine**2 * (1.0 - out), out, cosine * sine * (1.0 - out))
 
 
+def planar_directions(normal: str = "y") -> Any:
+    """The family of all directions in a plane, whose normal is "x", "y" or "z"."""
+    planes: dict[str, Any] = {"x": PlanarAcrossX, "y": PlanarDirections, "z": PlanarAcrossZ}
+    return planes[normal]()
+
+
 FIBRE_DIRECTIONS: dict[str, Callable[..., Any]] = {  # with the parameters of each
     "isotropic": IsotropicDirections,
-    "planar": PlanarDirections,
+    "planar": planar_directions,
     "along": one_direction,
 }
 
@@ -99,7 +116,6 @@ def _clustered(points: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 _AZIMUTHS, _AZIMUTH_WEIGHTS = _clustered(12)
 _HEIGHTS, _HEIGHT_WEIGHTS = _clustered(8)
-_AXIAL, _AXIAL_WEIGHTS = _gauss(8)
 _NONE = 1e-300  # of strain, which takes the place of zero and less
 _QUARTER = 0.5 * np.pi
 
@@ -236,27 +252,27 @@ def _isotropic(directions: Any, law: Any, C_xx: Any, C_yy: Any, C_zz: Any, C_xy:
 
 @axial_fibre_stress.register(IsotropicDirections)
 def _isotropic_axial(directions: Any, law: Any, square: Any) -> Any:
-    """All directions are stretched, or none."""
+    """All directions are stretched, or none: the integral of 2 psi'(e u^2) u^2 over u from 0 to 1, e being I - 1.
+
+    By parts, its derivative by e is (2 psi'(e) - 3 times itself)/(2 e).
+    """
     strain = _number(square) - 1.0
     s, d = 0.0 * strain, 0.0 * strain
     if anywhere(strain > 0.0):
-        for k in range(len(_AXIAL)):
-            up = _AXIAL[k] * _AXIAL[k]
-            tension, stiffness = fibre_tension(law, np.maximum(strain * up, _NONE))
-            s = s + _AXIAL_WEIGHTS[k] * up * tension
-            d = d + _AXIAL_WEIGHTS[k] * (up * up) * stiffness
+        tensed = np.maximum(strain, _NONE)
+        s = tension_over_directions(law, tensed)
+        tension, _ = fibre_tension(law, tensed)
+        d = 0.5 * (tension - 3.0 * s) / tensed
     stretched = 1.0 * (strain > 0.0)
     return stretched * s + stretched * d * (square - (strain + 1.0))
 
 
-@fibre_stress.register(PlanarDirections)
-def _planar(directions: Any, law: Any, C_xx: Any, C_yy: Any, C_zz: Any, C_xy: Any) -> Any:
-    """Of C, xx and zz matter alone: the directions are those between x and z."""
-    x, z = _number(C_xx) - 1.0, _number(C_zz) - 1.0
-    first, second = np.maximum(x, z), np.minimum(x, z)
-    zero = 0.0 * (C_xx + C_yy + C_zz + C_xy)
-    if not anywhere(first > 0.0):
-        return SecondPiola(zero, zero, zero, zero)
+@point
+def _planar_moments(law: Any, first: Any, second: Any) -> Any:
+    """Means of 2 psi' n_i^2 and 2 psi'' n_i^2 n_j^2 over the directions of a plane: (1, 2, 11, 22, 12).
+
+    The arguments are the principal values of C - I in the plane, in falling order.
+    """
     s1, s2, d11, d22, d12 = 0.0, 0.0, 0.0, 0.0, 0.0
     end = _range_in_tension(first, second)
     for j in range(len(_AZIMUTHS)):
@@ -272,18 +288,75 @@ def _planar(directions: Any, law: Any, C_xx: Any, C_yy: Any, C_zz: Any, C_xy: An
         d22 = d22 + n2 * n2 * stiffness
         d12 = d12 + n1 * n2 * stiffness
     mean = 1.0 * (first > 0.0) * end / _QUARTER
-    x_first = x >= z
-    rise_x, rise_z = C_xx - (x + 1.0), C_zz - (z + 1.0)
-    d_x, d_z = mean * _select(x_first, d11, d22), mean * _select(x_first, d22, d11)
-    S_xx = zero + mean * _select(x_first, s1, s2) + d_x * rise_x + mean * d12 * rise_z
-    S_zz = zero + mean * _select(x_first, s2, s1) + mean * d12 * rise_x + d_z * rise_z
-    return SecondPiola(S_xx, zero, S_zz, zero)
+    return mean * s1, mean * s2, mean * d11, mean * d22, mean * d12
+
+
+@point
+def _stress_with_z(law: Any, C_across: Any, C_zz: Any) -> Any:
+    """Stress across z and along z of directions in the plane of both, which has no shear."""
+    across, z = _number(C_across) - 1.0, _number(C_zz) - 1.0
+    s1, s2, d11, d22, d12 = _planar_moments(law, np.maximum(across, z), np.minimum(across, z))
+    across_first = across >= z
+    rise, rise_z = C_across - (across + 1.0), C_zz - (z + 1.0)
+    d_across, d_z = _select(across_first, d11, d22), _select(across_first, d22, d11)
+    return (
+        _select(across_first, s1, s2) + d_across * rise + d12 * rise_z,
+        _select(across_first, s2, s1) + d12 * rise + d_z * rise_z,
+    )
+
+
+@fibre_stress.register(PlanarDirections)
+def _planar(directions: Any, law: Any, C_xx: Any, C_yy: Any, C_zz: Any, C_xy: Any) -> Any:
+    zero = 0.0 * (C_xx + C_yy + C_zz + C_xy)
+    if not anywhere(np.maximum(_number(C_xx), _number(C_zz)) > 1.0):
+        return SecondPiola(zero, zero, zero, zero)
+    S_xx, S_zz = _stress_with_z(law, C_xx, C_zz)
+    return SecondPiola(zero + S_xx, zero, zero + S_zz, zero)
+
+
+@fibre_stress.register(PlanarAcrossX)
+def _planar_across_x(directions: Any, law: Any, C_xx: Any, C_yy: Any, C_zz: Any, C_xy: Any) -> Any:
+    zero = 0.0 * (C_xx + C_yy + C_zz + C_xy)
+    if not anywhere(np.maximum(_number(C_yy), _number(C_zz)) > 1.0):
+        return SecondPiola(zero, zero, zero, zero)
+    S_yy, S_zz = _stress_with_z(law, C_yy, C_zz)
+    return SecondPiola(zero, zero + S_yy, zero + S_zz, zero)
+
+
+@fibre_stress.register(PlanarAcrossZ)
+def _planar_across_z(directions: Any, law: Any, C_xx: Any, C_yy: Any, C_zz: Any, C_xy: Any) -> Any:
+    """In the frame of the principal stretches, as for isotropic directions."""
+    xx, yy, xy = _number(C_xx), _number(C_yy), _number(C_xy)
+    mean, half = 0.5 * (xx + yy) - 1.0, 0.5 * (xx - yy)
+    radius = np.sqrt(half * half + xy * xy)
+    zero = 0.0 * (C_xx + C_yy + C_zz + C_xy)
+    if not anywhere(mean + radius > 0.0):
+        return SecondPiola(zero, zero, zero, zero)
+    scale = 1.0 / np.maximum(radius, _NONE)
+    cosine, sine = _select(radius > _NONE, half * scale, 1.0), xy * scale
+    s1, s2, d11, d22, d12 = _planar_moments(law, mean + radius, mean - radius)
+    rise_sum, rise_half, rise_xy = 0.5 * (C_xx + C_yy - (xx + yy)), 0.5 * (C_xx - C_yy - (xx - yy)), C_xy - xy
+    along = cosine * rise_half + sine * rise_xy
+    S_1 = s1 + d11 * (rise_sum + along) + d12 * (rise_sum - along)
+    S_2 = s2 + d12 * (rise_sum + along) + d22 * (rise_sum - along)
+    S_12 = 2.0 * d12 * (cosine * rise_xy - sine * rise_half)
+    S_sum, S_half = 0.5 * (S_1 + S_2), 0.5 * (S_1 - S_2)
+    deviation = cosine * S_half - sine * S_12
+    return SecondPiola(zero + S_sum + deviation, zero + S_sum - deviation, zero, zero + sine * S_half + cosine * S_12)
 
 
 @axial_fibre_stress.register(PlanarDirections)
 def _planar_axial(directions: Any, law: Any, square: Any) -> Any:
     """No direction across the axis is stretched."""
     return 0.0 * square
+
+
+@axial_fibre_stress.register(PlanarAcrossX)
+@axial_fibre_stress.register(PlanarAcrossZ)
+def _planar_axial_within(directions: Any, law: Any, square: Any) -> Any:
+    strain = _number(square) - 1.0
+    s1, _, d11, _, _ = _planar_moments(law, strain, 0.0 * strain)
+    return s1 + d11 * (square - (strain + 1.0))
 
 
 @fibre_stress.register(OneDirection)

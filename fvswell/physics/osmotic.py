@@ -23,6 +23,7 @@ __all__ = [
     "NoSwelling",
     "bath_log_activity",
     "bath_osmotic_pressure",
+    "coefficients",
     "ion_concentrations",
     "log_activity",
     "osmotic_pressure",
@@ -45,7 +46,7 @@ class ConstantCoefficients(NamedTuple):
 
     osmotic_coefficient: Any  # phi_int, in the tissue
     bath_osmotic_coefficient: Any  # phi_ext
-    activity_ratio: Any  # g = (gamma_ext/gamma_int)^2
+    activity_ratio: Any = 1.0  # g = (gamma_ext/gamma_int)^2
 
 
 class ChargeDependentCoefficients(NamedTuple):
@@ -57,7 +58,7 @@ class ChargeDependentCoefficients(NamedTuple):
     osmotic_coefficient_per_charge: Any  # X, mm3/mmol
     fixed_charge_density: Any  # c_F0 of the tissue, mmol of charge per mm3 of fluid
     bath_osmotic_coefficient: Any
-    activity_ratio: Any
+    activity_ratio: Any = 1.0
 
 
 class ActivityCoefficients(NamedTuple):
@@ -67,7 +68,7 @@ class ActivityCoefficients(NamedTuple):
     concentration, gamma_int = gamma((c+ + c-)/2) exp(-0.495 X) and phi_int = phi_ext (1 - 0.495 X).
     """
 
-    bath_osmotic_coefficient: Any  # phi_ext, 0.93
+    bath_osmotic_coefficient: Any = 0.93  # phi_ext
 
 
 class NoSwelling(NamedTuple):

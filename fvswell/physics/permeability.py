@@ -28,7 +28,7 @@ class ExponentialPermeability(NamedTuple):
     """k = k0 exp(M (J - 1)); constant with M = 0."""
 
     hydraulic_permeability: Any  # k0, mm4/(N s)
-    permeability_exponent: Any  # M
+    permeability_exponent: Any = 0.0  # M
 
 
 class ConstantPermeability(NamedTuple):

@@ -27,6 +27,7 @@ __all__ = [
     "shear_modulus",
     "stress_coefficients",
     "uniaxial_stress",
+    "youngs_modulus",
 ]
 
 
@@ -113,6 +114,13 @@ def _solid_fraction_shear_modulus(solid: Any, fluid_fraction: Any) -> Any:
 def aggregate_modulus(solid: Any, fluid_fraction: Any) -> Any:
     """H = K + 4 G/3, the slope of the uniaxial stress at J = 1 (in compression) of every law here, MPa."""
     return bulk_modulus(solid, fluid_fraction) + 4.0 / 3.0 * shear_modulus(solid, fluid_fraction)
+
+
+@point
+def youngs_modulus(solid: Any, fluid_fraction: Any) -> Any:
+    """E = 9 K G/(3 K + G) at small strain, MPa; fibres left out."""
+    K, G = bulk_modulus(solid, fluid_fraction), shear_modulus(solid, fluid_fraction)
+    return 9.0 * K * G / (3.0 * K + G)
 
 
 @generic

@@ -13,16 +13,17 @@ from fvswell.case.case import Case, CaseError
 from fvswell.case.column_checks import piston_pressure
 from fvswell.case.errors import Problem, shown
 from fvswell.case.geometry import ColumnGeometry
-from fvswell.case.profiles import DepthProfile, PlaneProfile
+from fvswell.case.reference_state import stress_free
 from fvswell.case.values import Ramp, RelaxationTimes, final_value
 from fvswell.column.grid import ColumnGrid, column_grid
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
+from fvswell.physics.models import ELECTROCHEMICAL
 from fvswell.physics.osmotic import bath_log_activity, ion_concentrations
 from fvswell.physics.permeability import open_circuit_ratio
 from fvswell.physics.tissue import Array, Tissue, first_rows, fixed_charge_density, tissue_at, tissue_parameters
 from fvswell.prediction.predictor import Conditions, Prediction, predict
 
-__all__ = ["conditions_of", "is_uniform", "mean_tissue", "predict_cases", "unpredictable"]
+__all__ = ["conditions_of", "is_uniform", "mean_tissue", "predict_cases", "stress_free_heights", "unpredictable"]
 
 
 def predict_cases(cases: Sequence[Case], linearised_at: Array | float | None = None) -> Prediction:
@@ -42,7 +43,7 @@ def predict_cases(cases: Sequence[Case], linearised_at: Array | float | None = N
     given = [[phase.duration for phase in case.phase] for case in cases]
     return predict(
         tissue,
-        np.array([case.geometry.height for case in cases]),
+        stress_free_heights(cases),
         conditions_of(cases),
         linearised_at,
         phase_duration=np.array([[d if isinstance(d, float) else np.nan for d in row] for row in given]),
@@ -70,19 +71,30 @@ def unpredictable(case: Case) -> list[Problem]:
 
 def is_uniform(case: Case) -> bool:
     """Whether the tissue is the same at all points."""
-    return not any(isinstance(value, DepthProfile | PlaneProfile) for _, value in case.tissue)
+    return not case.tissue.profiles
 
 
 def mean_tissue(cases: Sequence[Case]) -> Tissue:
     """Mean properties of the tissue of each column over its stress-free volume, arrays of shape ``(cases,)``."""
     means = []
     for case in cases:
-        grid = _grid(case.geometry)
-        tissue = case.tissue_at(grid.centres)
-        means.append(tissue_parameters(tissue, len(grid.centres)) @ (grid.widths / grid.widths.sum()))
+        tissue, widths = _stress_free_column(case)
+        means.append(tissue_parameters(tissue, len(widths)) @ (widths / widths.sum()))
     laws = type(tissue.solid), type(tissue.permeability), type(tissue.osmotic)
     mean: Tissue = tissue_at(*laws, first_rows(*laws), np.stack(means, axis=1), slice(None))
     return mean
+
+
+def stress_free_heights(cases: Sequence[Case]) -> Array:
+    """Height of each column without stress, mm, ``(cases,)``."""
+    return np.array([_stress_free_column(case)[1].sum() for case in cases])
+
+
+def _stress_free_column(case: Case) -> tuple[Tissue, Array]:
+    """Tissue in the cells of a column, and their widths without stress, mm."""
+    grid = _grid(case.geometry)
+    tissue, swollen = stress_free(case, case.tissue_at(grid.centres), ELECTROCHEMICAL)
+    return tissue, grid.widths / swollen
 
 
 def conditions_of(cases: Sequence[Case]) -> list[Conditions]:

@@ -70,9 +70,7 @@ def load_curves(case: Case, durations: Sequence[float]) -> dict[str, Curve]:
         for name, load in acting.items():
             first = before.get(name, 0.0)
             values = [value_at(load, time, first) for time in within]
-            curves.setdefault(name, []).append(
-                np.array([[start, *(start + within), np.nan], [first, *values, np.nan]])
-            )
+            curves.setdefault(name, []).append(np.array([[start, *(start + within), np.nan], [first, *values, np.nan]]))
         before = {name: final_value(load, duration) for name, load in acting.items()}
         start += duration
     return {name: Curve(*np.concatenate(parts, axis=1)) for name, parts in curves.items()}
@@ -93,7 +91,7 @@ def case_figure(case: Case, durations: Sequence[float]) -> Figure:
     kinds = list(dict.fromkeys(name.partition(".")[2] for name in changing))
     height = max(_BODY_HEIGHT, _PANEL_HEIGHT * max(len(kinds), 1))
     figure = Figure(figsize=(PAGE_WIDTH, height), layout="constrained")
-    left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.25))
+    left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=(1.0, 1.25))[0]
     _draw_body(left.subplots(), case)
     panels = right.subplots(max(len(kinds), 1), 1, squeeze=False, sharex=True)[:, 0]
     scale, unit = handy_time(sum(durations))
@@ -178,10 +176,8 @@ def _name(axes: Axes, part: Part, line: Array, extent: tuple[float, float]) -> N
         text += f"\n{part.electrical}" + ("" if part.electrode == "bath" else f", {part.electrode} electrode")
     upright = EDGE_AXIS[edge] == 0
     axes.annotate(
-        text, line.mean(axis=1), xytext=7.0 * outward, textcoords="offset points", fontsize=7, zorder=5,
+        text, line.mean(axis=1), xytext=(7.0 * outward[0], 7.0 * outward[1]), textcoords="offset points", fontsize=7, zorder=5,
         rotation=90 if upright else 0,
         ha="center" if not upright else ("left" if outward[0] > 0 else "right"),
         va="center" if upright else ("bottom" if outward[1] > 0 else "top"),
     )  # fmt: skip
-
-

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib.lines import Line2D
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["block_outline", "draw_part", "mark_parts", "part_legend"]
 
 _ON_EDGE = 1e-9  # of the extent of the block
-_OPEN = {"color": "#56B4E9", "linewidth": 1.6, "linestyle": (0, (1.0, 1.6)), "zorder": 4}
+_OPEN: dict[str, Any] = {"color": "#56B4E9", "linewidth": 1.6, "linestyle": (0, (1.0, 1.6)), "zorder": 4}
 
 
 class _Mark(NamedTuple):
@@ -76,7 +76,7 @@ def mark_parts(axes: Axes, parts: Iterable[Part], reference: Array, moved: Array
         draw_part(axes, part, moved[:, block_outline(part, reference)])
 
 
-def part_legend(axes: Axes, parts: Sequence[Part], **where: object) -> Legend:
+def part_legend(axes: Axes, parts: Sequence[Part], **where: Any) -> Legend:
     """Legend of the marks that occur."""
     kinds = {_kind(part) for part in parts}
     handles = [
@@ -85,5 +85,5 @@ def part_legend(axes: Axes, parts: Sequence[Part], **where: object) -> Legend:
         if kind in kinds
     ]
     if any(part.open for part in parts):
-        handles.append(Line2D([], [], **{**_OPEN, "label": "open to a bath"}))
-    return axes.legend(handles=handles, **where)  # type: ignore[arg-type]
+        handles.append(Line2D([], [], label="open to a bath", **_OPEN))
+    return axes.legend(handles=handles, **where)

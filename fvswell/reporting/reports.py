@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
     from fvswell.analysis.characteristics import Characteristics
+    from fvswell.simulation.sample_states import SampleState
 
 __all__ = [
     "case_lines",
@@ -35,6 +36,7 @@ __all__ = [
     "phase_table",
     "quantity_text",
     "result_lines",
+    "states_table",
     "words",
 ]
 
@@ -44,7 +46,9 @@ _HANDY_UNITS = {"mmol/mm^3": (1e3, "M")}  # that people read more easily than th
 _TISSUE_IN_SHORT = (
     "youngs_modulus",
     "poisson_ratio",
+    "shear_modulus",
     "hydraulic_permeability",
+    "permeability_coefficient",
     "fluid_fraction",
     "fixed_charge_density",
     "hindrance_factor",
@@ -53,13 +57,17 @@ _TISSUE_IN_SHORT = (
 
 def case_lines(case: Case, models: str | None = None) -> list[str]:
     """A case in short, with its own model or the names of those that are run."""
-    tissue = ", ".join(f"{words(key)} {_value(case.tissue, key)}" for key in _TISSUE_IN_SHORT)
+    tissue = ", ".join(
+        f"{words(key)} {_value(case.tissue, key)}" for key in _TISSUE_IN_SHORT if getattr(case.tissue, key) is not None
+    )
     return [
         case.title,
         f"  model     {models or case.model}",
         f"  geometry  {_table(case.geometry)}",
         f"  boundary  {'; '.join(map(_part_text, case.parts))}",
         f"  tissue    {case.tissue.solid}, {tissue}",
+        *(f"  fibres    {_table(family)}" for family in case.tissue.fibres),
+        f"  ions      {case.tissue.osmotic} law; numbers of the {case.tissue.reference_state} sample",
         f"  bath      {_table(case.bath)}",
         *(f"  phase     {phase.name}: {_table(phase, without='name')}" for phase in case.phase),
         f"  time      {_table(case.time, without='relaxation_fraction')}",
@@ -102,6 +110,22 @@ def characteristics_table(case: Case, numbers: Characteristics) -> tuple[TextTab
     ]
     title = "In equilibrium with the first bath, without load, over the stress-free solid"
     return TextTable(title + ("; strains with the loads of each phase" if phases else ""), header, rows), lines
+
+
+def states_table(states: Mapping[str, SampleState]) -> TextTable:
+    """Height, water, charge and permeability of the stress-free and of the equilibrated sample."""
+    rows = [
+        [
+            words(name).replace("stress free", "stress-free"),
+            f"{state.height:.6g}",
+            f"{state.fluid_fraction:.5f}",
+            quantity_text(state.fixed_charge_density, "mmol/mm^3"),
+            f"{state.hydraulic_permeability:.5g}",
+        ]
+        for name, state in states.items()
+    ]
+    header = ["", "height (mm)", "fluid fraction", "fixed charge density", "permeability (mm^4/(N s))"]
+    return TextTable("The sample without stress, and in equilibrium with the first bath", header, rows)
 
 
 def _ratio(value: float) -> str:

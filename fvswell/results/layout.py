@@ -65,7 +65,7 @@ class Layout:
     ) -> None:
         self.dimensions, self.coordinates = dimensions, coordinates
         self.location_dimensions, self.mesh = location_dimensions, mesh
-        self.attributes = provenance(case.title, f"{case.model} model", comment, conventions) | {
+        self.attributes: dict[str, Any] = provenance(case.title, f"{case.model} model", comment, conventions) | {
             "model": case.model,
             "case_toml": case.to_toml(),
             "case_sha256": case.sha256,

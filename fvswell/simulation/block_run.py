@@ -15,7 +15,6 @@ from fvswell.block.fields import block_fields
 from fvswell.block.grid import BlockGrid, block_grid
 from fvswell.block.make_block import make_block
 from fvswell.block.march import march_block
-from fvswell.block.mechanics import integration_points
 from fvswell.boundary.sides import EDGE_AXIS, EDGES
 from fvswell.case.acting_loads import acting_loads
 from fvswell.case.case import Case
@@ -31,6 +30,7 @@ from fvswell.physics.solids import aggregate_modulus
 from fvswell.physics.tissue import Array, Tissue
 from fvswell.results.fields import FIELDS
 from fvswell.results.layout import Layout
+from fvswell.simulation.block_reference import BlockTissues, stress_free_block, tissues_at
 from fvswell.simulation.step_control import FIRST_STEP, SMALLEST_STRAIN, step_control
 
 __all__ = ["BlockRun"]
@@ -57,11 +57,12 @@ class BlockRun:
     def __init__(self, case: Case, model: Model | None = None, held: Array | None = None) -> None:
         geometry: Any = case.geometry
         self.case, self.model, self.held = case, model or MODELS[case.model], held
-        self.grid = block_grid(geometry.kind, *geometry.grid_nodes())
+        self._sample = block_grid(geometry.kind, *geometry.grid_nodes())
         try:
-            self.body, self.state = _equilibrated(case, self.model, self.grid)
+            self.body, self.state = _equilibrated(case, self.model, self._sample)
         except NoEquilibrium as error:
             raise SolverError(f"{case.source}: {error}") from None
+        self.grid = self.block.grid
         self.volumes, self.scale = self.grid.volumes, self.block.content_scale
         self._initial = self.block.positions(self.state.unknowns)
         self._rest = dict(zip(self.body.load_names, self.state.loads.copy(), strict=True))
@@ -91,9 +92,14 @@ class BlockRun:
         return ratio
 
     @property
+    def stress_free_height(self) -> float:
+        """Mean height of the stress-free solid, mm."""
+        return float(self.body.mean_height(self.grid.vertices))
+
+    @property
     def initial_stretch(self) -> float:
-        """Mean height in equilibrium over the height of the stress-free solid."""
-        return float(self.body.initial_height / self._extent[1])
+        """Mean height in equilibrium over that of the stress-free solid."""
+        return float(self.body.initial_height / self.stress_free_height)
 
     @property
     def drainage_length(self) -> float:
@@ -242,17 +248,23 @@ class BlockRun:
 
     def _probe_vertex(self) -> int:
         geometry: Any = self.case.geometry
-        place = self._extent if geometry.probe is None else np.array(geometry.probe)
-        return int(np.hypot(*(self.grid.vertices - place[:, None])).argmin())
+        vertices = self._sample.vertices
+        place = np.ptp(vertices, axis=1) if geometry.probe is None else np.array(geometry.probe)
+        return int(np.hypot(*(vertices - place[:, None])).argmin())
 
 
-def _equilibrated(case: Case, model: Model, grid: BlockGrid) -> tuple[BlockBody, State]:
-    """The block in equilibrium with its bath, its permeability as the case has it."""
+def _equilibrated(case: Case, model: Model, sample: BlockGrid) -> tuple[BlockBody, State]:
+    """The block in equilibrium with its bath, its permeability as the case has it, from the grid that it gives."""
     conditions = {part.edge: EdgeCondition(part.mechanical, part.open) for part in case.parts}
-    points = (grid.centres, grid.face_centres, integration_points(grid))
-    cells, faces, solid = (model.tissue(case.tissue_at(at)) for at in points)
-    block = make_block(grid, conditions, model, cells, faces, solid, case.bath.concentration)
-    body, state = equilibrated_body(block)
+
+    def make(grid: BlockGrid, tissues: BlockTissues) -> Block:
+        return make_block(grid, conditions, model, *tissues, case.bath.concentration)
+
+    if case.tissue.reference_state == "equilibrated" and model.swelling:
+        body, state = stress_free_block(case, model, sample, make)
+    else:
+        body, state = equilibrated_body(make(sample, tissues_at(case, model, sample)))
+    block = body.block
     if not model.open_circuit or case.open_circuit_permeability == "state":
         return body, state
     ratio: Array | float = 1.0

@@ -12,11 +12,12 @@ from fvswell.case.acting_loads import acting_loads
 from fvswell.case.case import Case
 from fvswell.case.column_checks import piston_pressure
 from fvswell.case.output_times import output_times
+from fvswell.case.reference_state import stress_free
 from fvswell.case.values import Ramp, final_value
 from fvswell.column.balances import COLUMN_LOADS
 from fvswell.column.column import Column, compiled_march
 from fvswell.column.fields import column_fields
-from fvswell.column.grid import ColumnGrid, column_grid
+from fvswell.column.grid import ColumnGrid, column_grid, grid_of_widths
 from fvswell.column.stage import ColumnBody
 from fvswell.errors import SolverError
 from fvswell.numerics.loads import Load, Protocol, make_protocol
@@ -54,12 +55,13 @@ class ColumnRun:
         geometry: Any = case.geometry
         open_circuit: Any = case.open_circuit_permeability
         self.case, self.model, self.held = case, model or MODELS[case.model], held
-        self.grid: ColumnGrid = (
-            column_grid(geometry.height, geometry.cells, geometry.grading) if like is None else like.grid
+        sample = column_grid(geometry.height, geometry.cells, geometry.grading)
+        (cells, swollen), (faces, _) = (
+            stress_free(case, case.tissue_at(depth), self.model) for depth in (sample.centres, sample.nodes)
         )
+        self.grid: ColumnGrid = sample if isinstance(swollen, float) else grid_of_widths(sample.widths / swollen)
         if like is not None and like.model.swelling == self.model.swelling:
             self._volume_ratios = like._volume_ratios
-        cells, faces = (self.model.tissue(case.tissue_at(depth)) for depth in (self.grid.centres, self.grid.nodes))
         self.column = Column(self.grid, self.model, cells, faces, case.bath.concentration, open_circuit)
         self.state = self.start()
         self.volumes = self.grid.widths
@@ -80,9 +82,14 @@ class ColumnRun:
         return self.column.cells
 
     @property
+    def stress_free_height(self) -> float:
+        """Height of the stress-free solid, mm."""
+        return float(self.grid.widths.sum())
+
+    @property
     def initial_stretch(self) -> float:
         """Height of the equilibrated column over that of the stress-free solid; nan where there is no equilibrium."""
-        return self.initial_height / float(self.grid.widths.sum())
+        return self.initial_height / self.stress_free_height
 
     @property
     def drainage_length(self) -> float:

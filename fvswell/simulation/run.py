@@ -16,6 +16,7 @@ from fvswell.results.run_file import RunFile
 from fvswell.simulation.continuation import Ending, Interrupted
 from fvswell.simulation.recorder import Progress, Recorder
 from fvswell.simulation.relaxation import phase_durations
+from fvswell.simulation.sample_states import sample_states, state_attributes
 from fvswell.simulation.setup import Setup, make_setup
 
 if TYPE_CHECKING:
@@ -132,6 +133,7 @@ def simulate(
     if durations is None:
         durations = phase_durations(case, setup)
     layout = setup.layout(durations)
+    layout.attributes |= state_attributes(sample_states(setup))
     if earlier is not None and earlier.started_from is not None:
         layout.attributes["started_from"] = earlier.started_from
     file = None if path is None else RunFile(path, layout, replace or resume)

@@ -37,6 +37,10 @@ class Setup(Protocol):
         """Mean height of the equilibrated sample over that of the stress-free solid."""
 
     @property
+    def stress_free_height(self) -> float:
+        """Mean height of the stress-free solid, mm."""
+
+    @property
     def drainage_length(self) -> float:
         """Farthest way to a bath in the equilibrated sample, mm."""
 

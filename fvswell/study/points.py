@@ -14,6 +14,7 @@ from fvswell.case.errors import Problem
 from fvswell.errors import OutputError
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.permeability import hydraulic_permeability
+from fvswell.physics.solids import youngs_modulus
 from fvswell.physics.tissue import Array
 from fvswell.prediction.case_prediction import conditions_of, mean_tissue, predict_cases
 from fvswell.prediction.predictor import kind_of_change
@@ -101,7 +102,7 @@ def _points_of(dataset: xr.Dataset, runs: Array, cases: tuple[Case, ...]) -> dic
     J = np.stack([equilibrium_volume_ratio(tissue, *each[:2]) for each in conditions], axis=1)
     curve = np.stack([kind_of_change(*pair) for pair in pairwise(conditions)], axis=1)
     ratio = tissue.cation_diffusivity * tissue.anion_diffusivity
-    ratio = ratio / (tissue.solid.youngs_modulus * hydraulic_permeability(tissue, 1.0)) ** 2
+    ratio = ratio / (youngs_modulus(tissue.solid, tissue.fluid_fraction) * hydraulic_permeability(tissue, 1.0)) ** 2
     # the paper does not say in which state J is taken: here in equilibrium before the first phase
     compression = (ratio * J[:, 0])[:, None]
     swelling = compression * (tissue.fixed_charge_density / conditions[0].bath_concentration)[:, None]

@@ -262,24 +262,28 @@ def varied_quantity(key: str) -> Quantity:
     ValueError
         If there is no such key, or it holds no quantity.
     """
-    for known, reader in _quantities(CaseTable, "", key):
+    parts = key.split(".")
+    for known, reader in _quantities(CaseTable, "", parts):
         if known == key:
             if reader is None:
                 raise ValueError("is not a quantity, so it cannot be varied over a range")
             return reader
-    names = [known for known, reader in _quantities(CaseTable, "", key) if reader is not None]
+    names = [known for known, reader in _quantities(CaseTable, "", parts) if reader is not None]
     near = nearest_name(key, names) or nearest_name(key.rpartition(".")[2], names)
     raise ValueError("no such key of a case" + (f"; did you mean {shown(near)}?" if near else ""))
 
 
-def _quantities(table: type[Table], prefix: str, key: str) -> Iterator[tuple[str, Quantity | None]]:
-    """All dotted keys of a schema with what they hold, None for what is no quantity; phases are named as in ``key``."""
+def _quantities(table: type[Table], prefix: str, key: list[str]) -> Iterator[tuple[str, Quantity | None]]:
+    """All dotted keys of a schema with what they hold, None for what is no quantity.
+
+    Tables of which there are many have the names or numbers that the parts of ``key`` give them.
+    """
     for name, field in table.model_fields.items():
         inner = inner_tables(table, name)
         place = f"{prefix}{name}"
         if inner and is_array(table, name):
-            parts = key.split(".")
-            place += f".{parts[1]}" if len(parts) > 1 and parts[0] == name else ".NAME"
+            parts = place.split(".")
+            place += f".{key[len(parts)]}" if key[: len(parts)] == parts and len(key) > len(parts) else ".NAME"
         for below in inner:
             yield from _quantities(below, f"{place}.", key)
         reader = value_type(field)

@@ -19,6 +19,7 @@ from fvswell.case.tables import inner_tables
 from fvswell.case.values import Ramp, RelaxationTimes, final_value
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.models import MODELS as MODEL
+from fvswell.physics.osmotic import coefficients
 from fvswell.physics.permeability import PERMEABILITIES
 from fvswell.physics.solids import SOLIDS
 from fvswell.physics.tissue import Tissue
@@ -118,6 +119,7 @@ def test_starter_is_a_valid_case_and_shows_every_key_of_columns():
     case = Case.from_toml(starter_text())
     assert case.model in MODELS
     laws = (SOLIDS, case.tissue.solid), (PERMEABILITIES, case.tissue.permeability)
+    assert case.tissue.osmotic == "activity"
     other = {
         key
         for registry, own in laws
@@ -133,8 +135,9 @@ def test_optional_lines_of_the_starter_are_valid():
     """Uncommenting a line of the starter, in the place of its alternative, gives a valid case."""
     text = starter_text().replace("# hindrance", "hindrance")
     for line in (
+        'permeability = "exponential"',
         "permeability_exponent",
-        "activity_ratio",
+        "reference_state",
         "bath_concentration",
         "relaxation_fraction",
         "assembly",
@@ -146,6 +149,14 @@ def test_optional_lines_of_the_starter_are_valid():
     assert (case.tissue.stiffening_coefficient, case.time.max_step) == (0.35, 10.0)
     equal = text.replace('scheme = "esdirk43"', 'scheme = "backward-euler"').replace("tolerance = 1e-4", "")
     assert Case.from_toml(equal.replace("# steps_per_phase", "steps_per_phase")).time.steps_per_phase == 50
+    constant = starter_text().replace('osmotic = "activity"', 'osmotic = "constant"')
+    for line in ("osmotic_coefficient = ", "activity_ratio"):
+        constant = constant.replace(f"# {line}", line)
+    assert Case.from_toml(constant).tissue.osmotic_coefficient == 0.83
+    reinforced = starter_text()
+    for line in ("[[tissue.fibres]]", "directions", "law", "modulus", "exponent", "power"):
+        reinforced = reinforced.replace(f"# {line}", line)
+    assert Case.from_toml(reinforced).tissue.fibres[0].modulus == 1.0
 
 
 def test_same_case_in_other_units_is_the_same_case(case):
@@ -180,6 +191,14 @@ VARIANTS = {
     "equal steps": {"time.scheme": "backward-euler", "time.steps_per_phase": 7},
     "Holmes-Mow": {"tissue.solid": "holmes-mow", "tissue.stiffening_coefficient": 0.35},
     "eq 14": {"tissue.osmotic_coefficient_per_charge": "500 mm^3/meq"},
+    "activity": {"tissue.osmotic": "activity", "tissue.permeability": "constant"},
+    "fibres": {
+        "tissue.fibres": [
+            {"directions": "isotropic", "modulus": {"depth": [0, "0.5 mm"], "value": ["1 MPa", 0]}},
+            {"directions": "planar", "law": "logarithmic", "modulus": 2, "exponent": 8, "normal": "x"},
+        ],
+        "tissue.reference_state": "equilibrated",
+    },
     "profiles": {
         "tissue.youngs_modulus": {"depth": ["0 mm", "0.3 mm"], "value": ["1 MPa", 0.3]},
         "tissue.poisson_ratio": {"depth": [0.1], "value": [0.2]},
@@ -213,7 +232,8 @@ def test_resolved_case_holds_plain_numbers_and_every_default(case):
         for key in heading.key.split(".") if heading.key else ():
             written = written[key]
         assert {key for key, field in table.model_fields.items() if field.default is not None} <= written.keys() | {
-            "osmotic_coefficient"
+            "osmotic_coefficient",
+            "fibres",
         }
 
 
@@ -268,9 +288,9 @@ def test_osmotic_coefficient_per_charge_follows_the_charge(case):
         }
     )
     tissue = changed.tissue_at(np.array([0.0, 0.25, 0.5]))
-    assert tissue.osmotic.osmotic_coefficient == pytest.approx([0.83, 0.88, 0.93])
+    assert coefficients(tissue.osmotic)[0] == pytest.approx([0.83, 0.88, 0.93])
     homogeneous = changed.with_changes({"tissue.fixed_charge_density": 2e-4})
-    assert homogeneous.tissue_at(np.zeros(3)).osmotic.osmotic_coefficient == pytest.approx(0.83)
+    assert coefficients(homogeneous.tissue_at(np.zeros(3)).osmotic)[0] == pytest.approx(0.83)
 
 
 # Changes
@@ -583,9 +603,9 @@ def test_wrong_profile(case, profile, words):
         ("[bath]", "stiffening_coefficient = 0.3\n[bath]", "tissue.stiffening_coefficient", "holmes-mow"),
         (
             "osmotic_coefficient = 0.83",
-            "",
+            'osmotic = "constant"',
             "tissue.osmotic_coefficient",
-            "missing; give one of osmotic_coefficient, osmotic_coefficient_per_charge",
+            'missing; osmotic = "constant" needs it',
         ),
         (
             "osmotic_coefficient = 0.83",
@@ -870,7 +890,8 @@ def test_every_key_is_described_and_read_by_a_value_type(table):
 
 def test_every_quantity_of_the_tissue_may_vary_but_not_the_law(case):
     for key, field in type(case.tissue).model_fields.items():
-        assert getattr(value_type(field), "varying", False) == (key not in ("solid", "permeability"))
+        laws = ("solid", "permeability", "osmotic", "reference_state", "fibres")
+        assert getattr(value_type(field), "varying", False) == (key not in laws)
 
 
 def test_documentation_is_the_schema():

@@ -302,6 +302,28 @@ def test_check_shows_derived_numbers() -> None:
     assert not files()
 
 
+def test_check_shows_the_sample_in_both_states() -> None:
+    """Given of the equilibrated sample, the numbers stand in its row, and those of the other are found."""
+    changes = ("--set", "tissue.osmotic=activity", "--set", "tissue.reference_state=equilibrated")
+    lines = fvswell("check", CASES / "confined_compression.toml", *changes).stdout.splitlines()
+    free, swollen = (next(line.split() for line in lines if line.startswith(name)) for name in ("stress-f", "equilib"))
+    assert swollen == ["equilibrated", "0.5", "0.80000", "0.2", "M", "0.001"]
+    assert float(free[1]) == pytest.approx(0.5 / 1.17041, rel=1e-5)
+    assert float(free[2]) == pytest.approx(1.0 - 0.2 * 1.17041, abs=2e-5)
+
+
+def test_warnings_are_printed_and_fail_with_strict() -> None:
+    weak = ("--set", "tissue.fixed_charge_density=0.1 M", "--set", "phase.loading.duration=60")
+    done = fvswell("check", CASES / "confined_compression.toml", *weak)
+    assert done.exit_code == 0
+    assert "warning: " in done.stderr
+    assert "pi - pi_bath is -0.0362 MPa" in done.stderr
+    assert fvswell("check", CASES / "confined_compression.toml", *weak, "--strict").exit_code == 2
+    assert fvswell("check", CASES / "confined_compression.toml", "--strict").exit_code == 0
+    assert "pi - pi_bath" in fvswell("run", CASES / "confined_compression.toml", *weak, "-q").stderr
+    assert "pi - pi_bath" in fvswell("advise", CASES / "confined_compression.toml", *weak).stderr
+
+
 def test_check_echoes_profiles_and_ramps() -> None:
     done = fvswell(
         "check", CASES / "confined_compression.toml",

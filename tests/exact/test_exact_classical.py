@@ -12,7 +12,12 @@ from scipy.linalg import expm
 
 from fvswell.exact.confined_compression import creep_fluid_pressure, creep_strain, relaxation_pressure
 from fvswell.exact.mandel import MandelBlock
-from fvswell.exact.unconfined_compression import DiscHistory, UnconfinedDisc
+from fvswell.exact.unconfined_compression import (
+    DiscHistory,
+    DiscStiffness,
+    TransverselyIsotropicDisc,
+    UnconfinedDisc,
+)
 from fvswell.physics.tissue import Array
 
 # ---- confined compression ------------------------------------------------------------------------------
@@ -185,8 +190,8 @@ def test_mandel_refuses_the_first_instant() -> None:
 class RadialBalances:
     """Displacement at faces, pressure in cells: balances of the disc in finite differences."""
 
-    def __init__(self, disc: UnconfinedDisc, cells: int) -> None:
-        a, G, M = disc.radius, disc.shear_modulus, disc.aggregate_modulus
+    def __init__(self, disc: TransverselyIsotropicDisc, cells: int) -> None:
+        a, C = disc.radius, disc.stiffness
         faces = np.linspace(0, a, cells + 1)
         centre, width = 0.5 * (faces[1:] + faces[:-1]), a / cells
         self.disc, self.areas = disc, np.diff(faces**2) / a**2  # share of the plate
@@ -200,9 +205,9 @@ class RadialBalances:
         )
         axial = np.hstack([np.zeros((n, n)), column])
         hoop = np.hstack([hoop, 0 * column])
-        sigma_r, sigma_h, self.sigma_z = (
-            (M - 2 * G) * self.dilatation + 2 * G * part for part in (self.radial, hoop, axial)
-        )
+        sigma_r = C.radial * self.radial + C.hoop * hoop + C.coupling * axial
+        sigma_h = C.hoop * self.radial + C.radial * hoop + C.coupling * axial
+        self.sigma_z = C.coupling * (self.radial + hoop) + C.axial * axial
         difference = np.eye(n, k=1)[:-1] - np.eye(n)[:-1]
         between = 0.5 * (np.eye(n, k=1)[:-1] + np.eye(n)[:-1])
         # radial equilibrium at inner faces: d sigma_r/dr - dp/dr + (sigma_r - sigma_h)/r = 0
@@ -238,7 +243,7 @@ class RadialBalances:
         return DiscHistory(unknown[:, -1], stress, unknown[:, -2], axis[:, None])
 
 
-def extrapolated(solve: Callable[[RadialBalances], DiscHistory], disc: UnconfinedDisc) -> DiscHistory:
+def extrapolated(solve: Callable[[RadialBalances], DiscHistory], disc: TransverselyIsotropicDisc) -> DiscHistory:
     coarse, fine = (solve(RadialBalances(disc, n)) for n in (60, 120))
     return DiscHistory(*(f + (f - c) / 3 for c, f in zip(coarse, fine, strict=True)))
 
@@ -247,12 +252,20 @@ DISCS = [UnconfinedDisc(2.5, 0.5, nu, 2e-3) for nu in (0.0, 0.2, 0.42)]
 AXIS = np.array([0.0])
 
 
-def disc_time(disc: UnconfinedDisc, scaled: Array) -> Array:
-    return scaled * disc.radius**2 / (disc.aggregate_modulus * disc.permeability)
+FIBROUS = [  # planar fibres in a soft solid, and one that is stiffer along its axis
+    TransverselyIsotropicDisc(2.5, DiscStiffness(2.5, 1.2, 0.7, 1.0), 2e-3),
+    TransverselyIsotropicDisc(1.0, DiscStiffness(1.0, 0.3, 0.4, 3.0), 1e-3),
+]
+GENERAL = [*(disc.as_transversely_isotropic for disc in DISCS), *FIBROUS]
 
 
-@pytest.mark.parametrize("disc", DISCS)
-def test_unconfined_creep_against_finite_differences(disc: UnconfinedDisc) -> None:
+def disc_time(disc: UnconfinedDisc | TransverselyIsotropicDisc, scaled: Array) -> Array:
+    general = disc.as_transversely_isotropic if isinstance(disc, UnconfinedDisc) else disc
+    return scaled * disc.radius**2 / (general.stiffness.radial * disc.permeability)
+
+
+@pytest.mark.parametrize("disc", GENERAL)
+def test_unconfined_creep_against_finite_differences(disc: TransverselyIsotropicDisc) -> None:
     time = disc_time(disc, np.array([0.01, 0.1, 0.5]))
 
     def solve(balances: RadialBalances) -> DiscHistory:
@@ -263,8 +276,8 @@ def test_unconfined_creep_against_finite_differences(disc: UnconfinedDisc) -> No
         np.testing.assert_allclose(known, integrated, rtol=2e-4, atol=1e-8)
 
 
-@pytest.mark.parametrize("disc", DISCS)
-def test_unconfined_ramp_against_finite_differences(disc: UnconfinedDisc) -> None:
+@pytest.mark.parametrize("disc", GENERAL)
+def test_unconfined_ramp_against_finite_differences(disc: TransverselyIsotropicDisc) -> None:
     time = disc_time(disc, np.array([0.01, 0.1, 0.5]))
     ramp = time[1]
 
@@ -295,6 +308,31 @@ def test_unconfined_limits(disc: UnconfinedDisc) -> None:
     end = disc.relaxation(AXIS, np.array([0.0, time[1]]), -0.01, 1.0)
     np.testing.assert_allclose(end.axial_stress, [0.0, -0.01 * E], rtol=1e-9)
     np.testing.assert_allclose(end.rim_displacement, [0.0, 0.01 * nu * a], rtol=1e-9, atol=1e-14)
+
+
+@pytest.mark.parametrize("disc", FIBROUS)
+def test_fibrous_disc_before_and_after_the_water_has_left(disc: TransverselyIsotropicDisc) -> None:
+    """Undrained it keeps its volume, but for what grows with the root of time; drained, the rim is free of traction."""
+    C, time = disc.stiffness, disc_time(disc, np.array([2e-7, 8e-7, 50.0]))
+    creep = disc.creep(AXIS, time, 0.01)
+    strain, rim = (np.array([2.0 * v[0] - v[1], v[2]]) for v in (creep.axial_strain, creep.rim_displacement))
+    moduli = np.array([disc.undrained_modulus, disc.drained_modulus])
+    np.testing.assert_allclose(strain, -0.01 / moduli, rtol=2e-5)
+    widening = np.array([0.5, C.coupling / (C.radial + C.hoop)])
+    np.testing.assert_allclose(rim, -strain * widening * disc.radius, rtol=2e-5)
+    e = np.array([1.0, -C.coupling / (C.radial + C.hoop)])  # axial and transverse, in equilibrium
+    assert disc.drained_modulus == pytest.approx(C.axial + 2.0 * C.coupling * e[1], rel=1e-12)
+
+
+def test_isotropic_disc_never_relaxes_by_more_than_a_third() -> None:
+    """3 G over E is at most 1.5, at nu = 0; fibres across the axis raise it to what cartilage has."""
+    ratios = [
+        disc.as_transversely_isotropic.undrained_modulus / disc.as_transversely_isotropic.drained_modulus
+        for disc in (UnconfinedDisc(1.0, 0.5, nu, 1e-3) for nu in (0.0, 0.1, 0.3, 0.45))
+    ]
+    assert max(ratios) == ratios[0] == pytest.approx(1.5)
+    fibrous = TransverselyIsotropicDisc(1.0, DiscStiffness(0.5 + 3 / 8 * 12, 12 / 8, 0.0, 0.5), 1e-3)
+    assert 6.5 < fibrous.undrained_modulus / fibrous.drained_modulus < 8.5
 
 
 def test_short_ramp_is_a_step_at_late_times() -> None:

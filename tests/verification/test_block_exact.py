@@ -10,8 +10,11 @@ from tissues import reference_tissue
 from fvswell.block.equilibrium import equilibrated_body
 from fvswell.block.grid import block_grid
 from fvswell.exact.mandel import MandelBlock
-from fvswell.exact.unconfined_compression import UnconfinedDisc
+from fvswell.exact.unconfined_compression import DiscStiffness, TransverselyIsotropicDisc, UnconfinedDisc
 from fvswell.numerics.graded_grid import graded_nodes
+from fvswell.physics.fibre_directions import PlanarDirections
+from fvswell.physics.fibre_laws import PowerFibres
+from fvswell.physics.fibres import FibreFamily, with_fibres
 from fvswell.physics.models import BIPHASIC
 from fvswell.physics.tissue import Array, Tissue
 
@@ -59,6 +62,27 @@ def test_unconfined_compression_of_a_disc() -> None:
     exact = UnconfinedDisc(1.0, 0.5, 0.2, 1e-3)
     tissue = reference_tissue(poisson_ratio=0.2)
     scale = 1.0 / (exact.aggregate_modulus * exact.permeability)
+    errors = []
+    for cells in (20, 40):
+        pressure, r, top, outward = _history("axisymmetric", cells, scale, np.pi * _SMALL, tissue)
+        creep = exact.creep(r, _SCALED_TIMES * scale, _SMALL)
+        errors.append(np.abs(pressure - creep.fluid_pressure).max() / _SMALL)
+        np.testing.assert_allclose(2.0 * top, creep.axial_strain, rtol=2e-3)
+        np.testing.assert_allclose(outward, creep.rim_displacement, rtol=4e-3)
+    assert errors[-1] < 1e-3
+    assert errors[0] / errors[1] > 3.0
+
+
+def test_disc_with_planar_fibres() -> None:
+    """Cohen, Lai & Mow (1998): all fibres across the axis are in tension, of stiffness 4 xi at small strain."""
+    E, nu, modulus = 0.5, 0.4, 1.0
+    lame, G, fibres = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu)), 4 * modulus
+    stiffness = DiscStiffness(lame + 2 * G + 3 / 8 * fibres, lame + fibres / 8, lame, lame + 2 * G)
+    exact = TransverselyIsotropicDisc(1.0, stiffness, 1e-3)
+    tissue = reference_tissue(poisson_ratio=nu)
+    family = FibreFamily(PlanarDirections(), PowerFibres(modulus))
+    tissue = tissue._replace(solid=with_fibres(tissue.solid, [family]))
+    scale = 1.0 / (stiffness.radial * exact.permeability)
     errors = []
     for cells in (20, 40):
         pressure, r, top, outward = _history("axisymmetric", cells, scale, np.pi * _SMALL, tissue)
