@@ -17,6 +17,7 @@ from fvswell.fitting.evaluator import Evaluator, FitProgress
 from fvswell.fitting.identifiability import Identifiability, identifiability
 from fvswell.fitting.kept_runs import KeptRuns
 from fvswell.fitting.least_squares import BestFit, best_fit, refined
+from fvswell.fitting.posterior import Samples, sample_posterior
 from fvswell.fitting.problem import FitProblem
 from fvswell.fitting.profiles import Profile, profiles
 from fvswell.fitting.residuals import ResidualTest, residual_tests
@@ -38,6 +39,7 @@ class FitResult:
     before: Identifiability  # what the data can tell, at the start
     best: BestFit
     profiles: tuple[Profile, ...]  # of the free parameters; empty if they were not asked for
+    samples: Samples | None  # of the posterior, if they were asked for
     runs: int  # parameter sets simulated
     failed: dict[str, int]  # why runs had to stop, and how many
     seconds: float
@@ -68,6 +70,7 @@ def fit(
     problem: FitProblem,
     *,
     with_profiles: bool = True,
+    samples: int = 0,
     processes: int | None = None,
     scheduler: str | None = None,
     keep: Path | None = None,
@@ -81,6 +84,8 @@ def fit(
         Measured curves and parameters.
     with_profiles
         Whether to find profile likelihood intervals.
+    samples
+        Steps of each of the 64 walkers that sample the posterior; none with 0.
     processes
         Number of processes on this machine; without it as many as there are cores for blocks, and this process alone
         for columns, whose runs take milliseconds.
@@ -126,8 +131,10 @@ def fit(
             if least > -_BETTER:
                 break
             best = refined(evaluator, best, where)
+        drawn = sample_posterior(evaluator, best, samples) if samples else None
         kept.remove()
-    return FitResult(problem, before, best, found, evaluator.runs, evaluator.reasons, time.monotonic() - began)
+    seconds = time.monotonic() - began
+    return FitResult(problem, before, best, found, drawn, evaluator.runs, evaluator.reasons, seconds)
 
 
 def _refuse_idle(problem: FitProblem, before: Identifiability) -> None:
