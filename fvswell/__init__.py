@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from fvswell.analysis.comparison import compare
     from fvswell.case.case import Case, CaseError, load_case
     from fvswell.errors import OutputError, SolverError
+    from fvswell.physics.tissues import TISSUES as tissues
+    from fvswell.reporting.tissue_figure import show
     from fvswell.results.file import read_result
     from fvswell.simulation.run import run
 
@@ -19,9 +21,12 @@ os.environ.setdefault("FIPY_SOLVERS", "scipy")  # FiPy chooses its solvers when 
 _HOMES = {
     "Case": "case.case", "CaseError": "case.errors", "load_case": "case.case", "compare": "analysis.comparison",
     "run": "simulation.run", "read_result": "results.file", "OutputError": "errors", "SolverError": "errors",
+    "show": "reporting.tissue_figure", "tissues": "physics.tissues",
 }  # fmt: skip
+_NAMES_THERE = {"tissues": "TISSUES"}  # where they are not the public ones
 __all__ = [
     "Case", "CaseError", "OutputError", "SolverError", "__version__", "compare", "load_case", "read_result", "run",
+    "show", "tissues",
 ]  # fmt: skip
 
 
@@ -31,4 +36,4 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
 
-    return getattr(import_module(f"fvswell.{_HOMES[name]}"), name)
+    return getattr(import_module(f"fvswell.{_HOMES[name]}"), _NAMES_THERE.get(name, name))

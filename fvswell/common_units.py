@@ -106,7 +106,7 @@ def _power(tokens: list[str]) -> tuple[Unit, list[str]]:
         if tokens[0] != ")":
             raise ValueError("a parenthesis is not closed")
     else:
-        unit = COMMON_UNITS[tokens[0]]
+        unit = _NOTHING if tokens[:2] == ["1", "/"] else COMMON_UNITS[tokens[0]]
     tokens = tokens[1:]
     if tokens and tokens[0] in ("^", "**"):
         return unit.power(int(tokens[1])), tokens[2:]

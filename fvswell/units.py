@@ -61,6 +61,8 @@ DIMENSIONS: dict[str, Dimension] = {
     "electric potential": Dimension("mV", '"30 mV"'),
     "electric current": Dimension("A", '"0.1 mA"'),
     "current density": Dimension("A/mm^2", '"0.1 mA/cm^2"'),
+    "pressure rate": Dimension("MPa/s", '"1e-3 MPa/min"'),
+    "strain rate": Dimension("1/s", '"1e-4 /min"'),
     PLAIN_NUMBER: Dimension("", "0.5"),
 }
 
@@ -150,8 +152,8 @@ def _unit(text: str) -> Unit | None:
 
 
 def _with_explicit_operators(text: str) -> str:
-    """Rewrite the way papers print units, as in mm4/Ns."""
-    return re.sub(r"\bNs\b", "(N s)", re.sub(r"(?<=[A-Za-z])(?=\d)", "^", text))
+    """Rewrite the way people print units, as in mm4/Ns and /min."""
+    return re.sub(r"\bNs\b", "(N s)", re.sub(r"(?<=[A-Za-z])(?=\d)", "^", re.sub(r"^/", "1/", text)))
 
 
 def uncommon_unit(text: str) -> Unit | None:

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 from tissues import BATH, reference_tissue
 
+from fvswell.boundary.parts import Part
 from fvswell.column.balances import COLUMN_LOADS
 from fvswell.column.column import Column, compiled_march
 from fvswell.column.grid import column_grid
 from fvswell.column.stage import ColumnBody
-from fvswell.numerics.loads import Load, Protocol, make_protocol
+from fvswell.numerics.loads import AnyLoad, Load, Protocol, make_protocol
 from fvswell.numerics.state import COMPLETE, STATUS, Control, Record, State, Workspace, record_room, workspace
 from fvswell.numerics.tableaux import BACKWARD_EULER, ESDIRK43, Tableau
 from fvswell.physics.models import MODELS
@@ -31,16 +32,32 @@ def make_column(
     return Column(column_grid(height, cells, grading), MODELS[model], own, own, concentration, **options)
 
 
+def parts_with(
+    open_ends: tuple[bool, bool] = (True, False), electrical: tuple[Any, Any] = ("grounded", ""),
+    electrode: tuple[Any, Any] = ("bath", "bath"),
+) -> tuple[Part, Part]:  # fmt: skip
+    """Filter and piston; by default the piston floats if it is open, and is an insulator if it is closed."""
+    chosen = electrical[0], electrical[1] or ("floating" if open_ends[1] else "insulating")
+    filter_part, piston = (
+        Part(name, mechanical, opened, condition, kind)
+        for name, mechanical, opened, condition, kind in zip(
+            ("filter", "piston"), ("fixed", "straight"), open_ends, chosen, electrode, strict=True
+        )
+    )
+    return filter_part, piston
+
+
 def loads(
-    pressure: Load | float | None = 0.0, bath: Load | float = BATH, height: Load | float | None = None, **others: Any
-) -> list[Load | None]:
+    pressure: AnyLoad | float | None = 0.0, bath: AnyLoad | float = BATH, height: AnyLoad | float | None = None,
+    **others: Any,
+) -> list[AnyLoad | None]:  # fmt: skip
     """Loads of one phase; a number is a load that is there at once. With a height, the pressure is found."""
-    chosen: dict[str, Any] = dict.fromkeys(COLUMN_LOADS, 0.0)
-    chosen |= {"pressure": pressure if height is None else None, "height": height, "filter_concentration": bath}
-    chosen |= {"piston_concentration": bath} | others
-    return [
-        load if load is None or isinstance(load, Load) else Load(load) for load in map(chosen.__getitem__, COLUMN_LOADS)
-    ]
+    assert others.keys() <= set(COLUMN_LOADS)
+    chosen: dict[str, Any] = dict.fromkeys(COLUMN_LOADS)
+    chosen |= {"pressure": pressure if height is None else None, "height": height, "filter_current": 0.0}
+    chosen |= {f"{end}_bath_{kind}": value for end in ("filter", "piston")
+               for kind, value in (("concentration", bath), ("pressure", 0.0))} | others  # fmt: skip
+    return [Load(load) if isinstance(load, float | int) else load for load in map(chosen.__getitem__, COLUMN_LOADS)]
 
 
 def first_step(column: Column) -> float:

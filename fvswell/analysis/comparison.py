@@ -30,13 +30,16 @@ from fvswell.case.errors import Problem
 from fvswell.physics.tissue import Array
 from fvswell.prediction.determination import NO_VARIATION, coefficient_of_determination
 from fvswell.results.moved_grid import AXES
+from fvswell.simulation.relaxation import phase_durations
 from fvswell.simulation.run import run
+from fvswell.simulation.settling import ends_on_rate
 
 __all__ = [
     "BlockDifference",
     "ColumnDifference",
     "Comparison",
     "Difference",
+    "common_durations",
     "compare",
     "compare_results",
     "compared_quantities",
@@ -143,11 +146,21 @@ def compare(case: Case, models: Sequence[str] = MODELS) -> Comparison:
         If a run had to stop.
     """
     results: dict[str, xr.Dataset] = {}
-    durations = None
-    for model, each in with_models(case, models).items():
+    cases = with_models(case, models)
+    durations = common_durations(cases)
+    for model, each in cases.items():
         results[model] = run(each, durations=durations)
         durations = phase_lengths(results[model])
     return compare_results(results)
+
+
+def common_durations(cases: Mapping[str, Case]) -> list[float] | None:
+    """Durations of the phases in a comparison of models, where they have to be known before.
+
+    A phase that ends on a rate lasts as long in all models as in the reference, which stands for the tissue.
+    """
+    reference = cases[reference_model(list(cases))]
+    return phase_durations(reference) if ends_on_rate(reference) else None
 
 
 def phase_lengths(result: xr.Dataset) -> list[float]:

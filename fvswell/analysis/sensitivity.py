@@ -94,8 +94,8 @@ def ranges_about(case: Case, spread: float) -> Study:
     varied = {name: ([f"tissue.{name}"], content["tissue"].get(name)) for name in _VARIED}
     loads = {("bath_concentration", case.bath.concentration): ["bath.concentration"]}
     for phase in content["phase"]:
-        given = {f"{part}.{kind}": load for part, own in phase.items() if isinstance(own, Mapping)
-                 for kind, load in own.items()}  # fmt: skip
+        parts = {key: own for key, own in phase.items() if isinstance(own, Mapping) and key != "bath_concentration"}
+        given = {f"{part}.{kind}": load for part, own in parts.items() for kind, load in own.items()}
         for name, load in {**phase, **given}.items():
             if isinstance(load, float) and name != "duration":
                 loads.setdefault((name, load), []).append(f"phase.{phase['name']}.{name}")

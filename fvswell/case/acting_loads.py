@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from fvswell.boundary.parts import LOADED, Part, load_names
+from fvswell.case.loads import AnyLoad, kept
 from fvswell.case.schema import CaseTable
-from fvswell.case.values import Ramp, final_value
 
-__all__ = ["acting_loads", "initial_loads"]
+__all__ = ["acting_loads", "initial_loads", "moved_part", "reference_bath"]
 
-Loads = dict[str, float | Ramp]
+Loads = dict[str, AnyLoad]
 _DRIVES = frozenset(kind for kinds in LOADED.values() for kind in kinds) - {"tangential_displacement"}
 
 
@@ -22,6 +23,18 @@ def initial_loads(case: CaseTable) -> dict[str, float]:
         for name in load_names(case.parts)
         if (kind := name.partition(".")[2]) not in exclusive
     }
+
+
+def moved_part(case: CaseTable, acting: Mapping[str, AnyLoad]) -> str | None:
+    """The first part whose displacement is given, or a fixed piston: a pressure is measured there; else None."""
+    return next(
+        (
+            part.name
+            for part in case.parts
+            if f"{part.name}.displacement" in acting or (part.name, part.mechanical) == ("piston", "fixed")
+        ),
+        None,
+    )
 
 
 def acting_loads(case: CaseTable, held: Mapping[str, float] | None = None) -> list[Loads]:
@@ -43,14 +56,15 @@ def acting_loads(case: CaseTable, held: Mapping[str, float] | None = None) -> li
     acting: Loads = dict(initial_loads(case) if held is None else held)
     phases = []
     for phase in case.phase:
-        acting = {name: final_value(load) for name, load in acting.items()}
         if phase.bath_concentration is not None:
             acting |= {f"{part.name}.bath_concentration": phase.bath_concentration for part in case.parts if part.open}
         given = phase.loads()
         driven = {name.partition(".")[0] for name in given if _drives(name)}
         acting = {name: load for name, load in acting.items() if not (_drives(name) and _part(name) in driven)}
         acting |= given
-        phases.append(dict(acting))
+        phases.append(acting)
+        duration = phase.duration if isinstance(phase.duration, float) else math.nan
+        acting = {name: kept(load, duration) for name, load in acting.items()}
     return phases
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -9,9 +10,10 @@ import numpy as np
 from fvswell.boundary.sides import EDGE_AXIS, EDGES, OUTWARD
 from fvswell.case.errors import Finding
 from fvswell.case.geometry import BlockGeometry
+from fvswell.case.loads import StrainLoad, extremes, shape_of
 from fvswell.case.reference_state import stress_free
 from fvswell.case.schema import CaseTable
-from fvswell.case.values import RelaxationTimes, final_value
+from fvswell.case.values import RelaxationTimes
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.models import MODELS
 from fvswell.physics.tissue import Array, Tissue
@@ -66,7 +68,9 @@ def edge_loads(case: CaseTable, tissue: Tissue, points: Array) -> Iterator[Findi
             if kind != "displacement" or edge is None:
                 continue
             extent = stretch * _geometry(case).extent[EDGE_AXIS[edge]]
-            if -OUTWARD[edge] * final_value(load) >= extent:
+            duration = phase.duration if isinstance(phase.duration, float) else math.inf
+            size = 1.0 if isinstance(load, StrainLoad) else extent
+            if max(-OUTWARD[edge] * value for value in extremes(shape_of(load), duration, 0.0)) >= size:
                 yield Finding(
                     ("phase", index, part, kind),
                     f"moves the edge through the block, which is less than {extent:.3g} mm thick in equilibrium",

@@ -17,7 +17,10 @@ from pydantic import PrivateAttr
 from fvswell.case.changes import changed_content, with_numbers
 from fvswell.case.checks import check_case
 from fvswell.case.errors import CaseError, Problem, shown
-from fvswell.case.reading import problems_of, read_tables
+from fvswell.case.load_files import LoadFile, files_beside
+from fvswell.case.loads import TableLoad, shape_of
+from fvswell.case.reading import problems_of
+from fvswell.case.repeats import read_repeated
 from fvswell.case.schema import MODELS, CaseTable
 from fvswell.case.toml_file import file_text, toml_content
 from fvswell.physics.tissue import Array, Tissue
@@ -35,9 +38,10 @@ class Case(CaseTable):
     """
 
     _source: str = PrivateAttr(default="case")
+    _folder: Path = PrivateAttr(default=Path())
 
     @classmethod
-    def from_toml(cls, text: str, source: str = "case") -> Case:
+    def from_toml(cls, text: str, source: str = "case", folder: Path | None = None) -> Case:
         """Read and check a case.
 
         Parameters
@@ -46,24 +50,53 @@ class Case(CaseTable):
             Content of a case file.
         source
             What to call it in messages.
+        folder
+            Where the files lie that its loads are in; the folder of ``source`` by default.
 
         Raises
         ------
         CaseError
             With every problem that the text has.
         """
-        return cls._from_content(toml_content(text, source), source)
+        return cls._from_content(toml_content(text, source), source, folder or Path(source).parent)
 
     @classmethod
-    def _from_content(cls, content: Mapping[str, Any], source: str) -> Case:
-        case = read_tables(cls, content, source, check_case)
-        case._source = source
+    def _from_content(cls, content: Mapping[str, Any], source: str, folder: Path = Path()) -> Case:
+        with files_beside(folder):
+            case = read_repeated(cls, content, source, check_case)
+        case._source, case._folder = source, folder
         return case
 
     @property
     def source(self) -> str:
         """Where the case was read from."""
         return self._source
+
+    @property
+    def folder(self) -> Path:
+        """Where the files of its loads lie."""
+        return self._folder
+
+    @property
+    def load_files(self) -> dict[str, LoadFile]:
+        """Files that loads have been read from, by the key of the load."""
+        loads = {
+            f"phase[{phase.name}].{'.'.join(place)}": shape_of(load)
+            for phase in self.phase
+            for place, load in phase.all_loads()
+        }
+        return {key: load.source for key, load in loads.items() if isinstance(load, TableLoad) and load.source}
+
+    def changed_load_files(self) -> list[str]:
+        """What is to be said of load files that are other ones now than when the case was read first.
+
+        The case keeps what was in them then. A file that is not there any more is not missed.
+        """
+        return [
+            f"{self.source}: {key}: {file.file} has changed; what it held when this case was first read is used"
+            for key, file in self.load_files.items()
+            if file.has_changed(self.folder)
+        ]
 
     def tissue_at(self, points: Array) -> Tissue:
         """Tissue at points, with the numbers of its reference state, which `fvswell.case.reference_state` converts.
@@ -102,7 +135,7 @@ class Case(CaseTable):
         if content["output"] == self.time.default_output:
             content = {key: value for key, value in content.items() if key != "output"}
         content = changed_content(type(self), content, changes, self.source)
-        return self._from_content(content, self.source)
+        return self._from_content(content, self.source, self.folder)
 
     def with_numbers(self, changes: Mapping[str, float], checked: bool = False) -> Case:
         """As `with_changes`, and faster, for numbers that are valid each by itself.

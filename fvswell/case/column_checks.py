@@ -10,16 +10,17 @@ import numpy as np
 
 from fvswell.case.acting_loads import acting_loads, reference_bath
 from fvswell.case.errors import Finding, Location
+from fvswell.case.loads import AnyLoad, Shape, divided, extremes, final_value, in_length, shape_of
+from fvswell.case.phases import Phase
 from fvswell.case.reference_state import stress_free
 from fvswell.case.schema import CaseTable
-from fvswell.case.values import Ramp, final_value
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.models import MODELS
 from fvswell.physics.osmotic import osmotic_pressure_difference
 from fvswell.physics.solids import uniaxial_stress
 from fvswell.physics.tissue import Array, Tissue
 
-__all__ = ["lost_water", "piston_pressure", "pressed_by"]
+__all__ = ["longest", "lost_water", "piston_pressure", "pressed_by"]
 
 _State = tuple[float, float]  # pressure of the piston, concentration of the bath
 
@@ -49,7 +50,7 @@ def lost_water(case: CaseTable, tissue: Tissue, depth: Array) -> Iterator[Findin
     acting = acting_loads(case)
     for index, each in enumerate(acting):
         if (pressure := piston_pressure(case, each)) is not None:
-            bath = final_value(each[f"{reference.name}.bath_concentration"])
+            bath = final_value(shape_of(each[f"{reference.name}.bath_concentration"]))
             loads[index] = (final_value(pressure), bath)
     states = [start, *loads.values()]
     if not _clearly_hold_water(tissue, states):
@@ -63,14 +64,12 @@ def lost_water(case: CaseTable, tissue: Tissue, depth: Array) -> Iterator[Findin
     yield from _too_low_pistons(case, acting, tissue, depth, swollen)
 
 
-def piston_pressure(case: CaseTable, acting: Mapping[str, float | Ramp]) -> float | Ramp | None:
+def piston_pressure(case: CaseTable, acting: Mapping[str, AnyLoad]) -> Shape | None:
     """Pressure of the piston, also where a force on its area gives it; None where it is found."""
-    force: Any = acting.get("piston.force")
-    if force is None:
-        return acting.get("piston.pressure")
     geometry: Any = case.geometry
-    area: float = geometry.area
-    return force._replace(ramp_to=force.ramp_to / area) if isinstance(force, Ramp) else force / area
+    if "piston.force" in acting:
+        return divided(shape_of(acting["piston.force"]), geometry.area)
+    return shape_of(acting["piston.pressure"]) if "piston.pressure" in acting else None
 
 
 def pressed_by(case: CaseTable, index: int) -> Location:
@@ -124,27 +123,32 @@ def _rounded_down(value: float) -> float:
 
 
 def _too_low_pistons(
-    case: CaseTable, acting: Sequence[Mapping[str, float | Ramp]], tissue: Tissue, depth: Array, swollen: Array | float
+    case: CaseTable, acting: Sequence[Mapping[str, AnyLoad]], tissue: Tissue, depth: Array, swollen: Array | float
 ) -> Iterator[Finding]:
     """Displacements that would leave no room for water beside the solid.
 
     ``swollen`` is the volume ratio of the state that the height and the depths are of.
     """
     loads = {index: each.get("piston.displacement") for index, each in enumerate(acting)}
-    displacements = {index: final_value(load) for index, load in loads.items() if load is not None}
+    displacements = {index: load for index, load in loads.items() if load is not None}
     if not displacements:
         return
     height = case.geometry.height
     solid = height * _mean((1.0 - np.atleast_1d(tissue.fluid_fraction)) / swollen, depth)
     free = height * _mean(_volume_ratios(tissue, [(0.0, case.bath.concentration)])[0] / swollen, depth)
-    for index, displacement in displacements.items():
-        left = free + displacement
+    for index, load in displacements.items():
+        left = free + extremes(in_length(load, free), longest(case.phase[index]), 0.0)[0]
         if left <= solid:
             yield Finding(
                 ("phase", index, "piston", "displacement"),
                 f"leaves a height of {left:.3g} mm of the {free:.3g} mm in equilibrium, but the solid alone takes "
                 f"{solid:.3g} mm: must be above {solid - free:.3g} mm",
             )
+
+
+def longest(phase: Phase) -> float:
+    """How long a phase may last, s."""
+    return phase.duration if isinstance(phase.duration, float) else math.inf
 
 
 def _mean(values: Array, depth: Array) -> float:

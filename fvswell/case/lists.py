@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from itertools import pairwise
 from typing import Any
 
@@ -13,9 +13,11 @@ from fvswell.case.errors import nearest_name, shown
 __all__ = ["read_increasing", "read_list", "read_table"]
 
 
-def read_table(table: Mapping[str, Any], readers: Mapping[str, Callable[[Any], Any]]) -> dict[str, Any]:
-    """Read the items of an inline table, all of which are required, and report all that is wrong at once."""
-    problems = [f"{key}: missing" for key in readers if key not in table]
+def read_table(
+    table: Mapping[str, Any], readers: Mapping[str, Callable[[Any], Any]], optional: Collection[str] = ()
+) -> dict[str, Any]:
+    """Read the items of an inline table, all required but the optional ones, and report all that is wrong at once."""
+    problems = [f"{key}: missing" for key in readers if key not in table and key not in optional]
     items = {}
     for key, value in table.items():
         if key not in readers:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any
 
 from fvswell.boundary.checks import part_problems
 from fvswell.boundary.parts import LOADED, Part
-from fvswell.case.acting_loads import acting_loads, reference_bath
+from fvswell.case.acting_loads import acting_loads, moved_part, reference_bath
 from fvswell.case.errors import Finding, Location, nearest_name
+from fvswell.case.loads import AnyLoad, Sine, StrainLoad, jumps, kept, settled, shape_of
 from fvswell.case.schema import CaseTable
-from fvswell.case.values import Ramp, final_value
 
 __all__ = ["load_findings"]
 
@@ -27,10 +26,11 @@ def load_findings(case: CaseTable) -> Iterator[Finding]:
         yield Finding(place, problem)
     unknown = list(_unknown_parts(case))
     yield from unknown
-    yield from _long_ramps(case)
+    yield from _long_loads(case)
     yield from _foreign_loads(case)
     if not unknown:
         yield from _jumps(case)
+        yield from _rates(case)
         yield from _two_baths(case)
 
 
@@ -44,15 +44,38 @@ def _unknown_parts(case: CaseTable) -> Iterator[Finding]:
                 yield Finding(("phase", index, name), f"is no part of the boundary, which are {', '.join(names)}{hint}")
 
 
-def _long_ramps(case: CaseTable) -> Iterator[Finding]:
+def _long_loads(case: CaseTable) -> Iterator[Finding]:
+    """Ramps and tables that outlast their phase, and sines in a phase that ends when something has come to rest."""
     for index, phase in enumerate(case.phase):
-        if not isinstance(phase.duration, float):
+        for place, load in phase.all_loads():
+            location: Location = ("phase", index, *place)
+            shape = shape_of(load)
+            if not isinstance(phase.duration, float):
+                if isinstance(shape, Sine):
+                    yield Finding(location, "never comes to rest: give the duration of the phase in s")
+            elif isinstance(shape, Sine):
+                if phase.until is not None:
+                    yield Finding(location, "never comes to rest: leave until away")
+            elif not isinstance(shape, float) and shape.settled > phase.duration:
+                yield Finding(location, shape.longer_than(phase.duration))
+            elif settled(load) == phase.duration and phase.until is not None:
+                yield Finding(location, "changes for all of the longest duration, and until counts after that")
+
+
+def _rates(case: CaseTable) -> Iterator[Finding]:
+    """Phases that end on a rate of what is not found in them, or whose longest duration is not known."""
+    for index, (phase, acting) in enumerate(zip(case.phase, acting_loads(case), strict=True)):
+        if phase.until is None:
             continue
-        loads: dict[tuple[str, ...], Any] = {("bath_concentration",): phase.bath_concentration}
-        loads |= {tuple(name.split(".")): load for name, load in phase.loads().items()}
-        for place, load in loads.items():
-            if isinstance(load, Ramp) and load.over > phase.duration:
-                yield Finding(("phase", index, *place), load.longer_than(phase.duration))
+        place: Location = ("phase", index, "until")
+        if not isinstance(phase.duration, float):
+            yield Finding(place, "needs the longest duration in s")
+        part = moved_part(case, acting)
+        of_pressure = phase.until.dimension == "pressure rate"
+        if part is None and of_pressure:
+            yield Finding(place, 'must be of the strain, such as "1e-4 /min": no displacement moves a part')
+        if part is not None and not of_pressure:
+            yield Finding(place, f'must be of the pressure, such as "1e-3 MPa/min": a displacement moves {part}')
 
 
 def _foreign_loads(case: CaseTable) -> Iterator[Finding]:
@@ -80,7 +103,7 @@ def _who_takes(part: Part, kind: str) -> str:
 
 def _jumps(case: CaseTable) -> Iterator[Finding]:
     """Steps of a displacement, which an incompressible mixture takes at infinite pressure only."""
-    before: dict[str, float | None] = {}
+    before: dict[str, AnyLoad | None] = {}
     for index, (phase, acting) in enumerate(zip(case.phase, acting_loads(case), strict=True)):
         given = phase.loads()
         for part in case.parts:
@@ -89,17 +112,40 @@ def _jumps(case: CaseTable) -> Iterator[Finding]:
                     continue
                 name = f"{part.name}.{kind}"
                 left = before.get(name, 0.0)
-                load = given.get(name)
-                if isinstance(load, float) and (left is None or not math.isclose(load, left)):
-                    place = "is where the pressure left it" if left is None else f"stands at {left:g} mm"
-                    yield Finding(
-                        ("phase", index, part.name, kind),
-                        f"{part.name} {place} and a jump would need infinite pressure: use "
-                        f"{{ramp_to = {load:g}, over = ...}}",
-                    )
-                before[name] = final_value(acting[name]) if name in acting else None
+                if name in given and (problem := _jump(part, given[name], left)):
+                    yield Finding(("phase", index, part.name, kind), problem)
+                duration = phase.duration if isinstance(phase.duration, float) else math.nan
+                before[name] = kept(acting[name], duration) if name in acting else None
                 if kind == "tangential_displacement" and name not in acting:
                     before[name] = 0.0
+
+
+def _jump(part: Part, load: AnyLoad, left: AnyLoad | None) -> str:
+    """What is wrong with a displacement that begins elsewhere than where the phase before left it."""
+    shape = shape_of(load)
+    if not jumps(shape, math.inf):
+        return ""  # goes on from wherever it is
+    there = math.inf if left is None else shape_of(left)
+    assert isinstance(there, float)
+    if left is not None and there != 0.0 and isinstance(load, StrainLoad) != isinstance(left, StrainLoad):
+        return f"{part.name} stands at {_text(left)}: begin there, in the same unit"
+    if not jumps(shape, there):
+        return ""
+    place = "is where the pressure left it" if left is None else f"stands at {_text(left)}"
+    ramp = f"{{ramp_to = {_number(load)}, over = ...}}" if isinstance(shape, float) else "a ramp in a phase before"
+    return f"{part.name} {place} and a jump would need infinite pressure: use {ramp}"
+
+
+def _number(load: AnyLoad) -> str:
+    """A single displacement as a file has it."""
+    shape = shape_of(load)
+    assert isinstance(shape, float)
+    return f'"{100.0 * shape:g} %"' if isinstance(load, StrainLoad) else f"{shape:g}"
+
+
+def _text(load: AnyLoad) -> str:
+    """A single displacement with its unit."""
+    return _number(load).strip('"') if isinstance(load, StrainLoad) else f"{_number(load)} mm"
 
 
 def _two_baths(case: CaseTable) -> Iterator[Finding]:

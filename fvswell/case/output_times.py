@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
+from fvswell.case.loads import Sine, TableLoad, settled, shape_of
 from fvswell.case.phases import Phase
 from fvswell.case.schema import CaseTable
-from fvswell.case.values import Ramp
 from fvswell.physics.tissue import Array
 
 __all__ = ["output_times"]
 
 _CLOSE_TIMES = 16  # in the part of a phase that follows a jump or the end of a ramp
 _CLOSEST = 1e-3  # the first of them, of that part
+_IN_A_PERIOD = 16  # outputs in each period of a sine, at least
 _SAME = 1e-9  # of the duration of a phase
 
 
@@ -43,14 +45,17 @@ def output_times(case: CaseTable, durations: Sequence[float]) -> Array:
 
 
 def _within(phase: Phase, duration: float, parts: int) -> Array:
-    """Ends of equal parts of a phase, and times in geometric progression in the part that follows each corner.
+    """Ends of equal parts of a phase, and times in geometric progression after its start and the end of each change.
 
     What follows a jump goes as the root of the time since, at first.
     """
-    loads = (phase.bath_concentration, *phase.loads().values())
-    ramps = {load.over for load in loads if isinstance(load, Ramp) and load.over < duration}
+    shapes = [shape_of(load) for _, load in phase.all_loads()]
+    corners = {rest for shape in shapes if 0.0 < (rest := settled(shape)) < duration}
+    tables = [shape.times for shape in shapes if isinstance(shape, TableLoad) and len(shape.times) <= parts]
+    periods = [duration / shape.period for shape in shapes if isinstance(shape, Sine)]
+    parts = max(parts, math.ceil(_IN_A_PERIOD * max(periods, default=0.0)))
     close = duration / parts * np.append(0.0, np.geomspace(_CLOSEST, 1.0, _CLOSE_TIMES, endpoint=False))
     even = duration * (np.arange(1, parts + 1) / parts)  # the last of them is the duration, to the last digit
-    times = np.concatenate([even, *(corner + close for corner in (0.0, *ramps))])
+    times = np.concatenate([even, *(corner + close for corner in (0.0, *corners)), *tables])
     times = np.unique(times[(times > 0.0) & (times <= duration)])
     return times[np.diff(times, append=np.inf) > _SAME * duration]

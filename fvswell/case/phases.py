@@ -7,8 +7,9 @@ from typing import Annotated, ClassVar
 
 from pydantic import ConfigDict, Field
 
+from fvswell.case.loads import AnyLoad, Load
 from fvswell.case.tables import Table
-from fvswell.case.values import Duration, Load, Name, Quantity, Ramp, RelaxationTimes
+from fvswell.case.values import Duration, Name, Quantity, Rate, RateReader, RelaxationTimes
 
 __all__ = ["BlockPartLoads", "BlockPhase", "ColumnPartLoads", "ColumnPhase", "PartLoads", "Phase"]
 
@@ -19,29 +20,30 @@ class PartLoads(Table):
     alternatives: ClassVar[tuple[str, ...]] = ("pressure", "force", "displacement")
     needs_alternative: ClassVar[bool] = False
 
-    pressure: Annotated[float | Ramp | None, Load(Quantity("pressure"))] = Field(
+    pressure: Annotated[AnyLoad | None, Load(Quantity("pressure"))] = Field(
         default=None,
         description="Pressure normal to the part as it moves, positive in compression, of a part that is free, "
         "straight or a glued plate; the pressure of a bath acts besides.",
     )
-    force: Annotated[float | Ramp | None, Load(Quantity("force"))] = Field(
+    force: Annotated[AnyLoad | None, Load(Quantity("force"))] = Field(
         default=None,
         description="Total force on a straight part or a glued plate, positive in compression: of a disc, of a block "
         "1 mm thick, or of a column whose area is given.",
     )
-    displacement: Annotated[float | Ramp | None, Load(Quantity("length"))] = Field(
+    displacement: Annotated[AnyLoad | None, Load(Quantity("length"), strain=True)] = Field(
         default=None,
         description="Displacement of a straight part or a glued plate from the equilibrated sample along its normal, "
-        "positive along x or y, so that a piston or a top edge that compresses moves by a negative one. A jump would "
-        "need infinite pressure, so a plain value can only hold what the previous phase left (0 in the first).",
+        "positive along x or y, so that a piston or a top edge that compresses moves by a negative one; or in % of the "
+        "height or width of the equilibrated sample. A jump would need infinite pressure, so a plain value can only "
+        "hold what the previous phase left (0 in the first).",
     )
-    bath_concentration: Annotated[float | Ramp | None, Load(Quantity("concentration", above=0.0))] = Field(
+    bath_concentration: Annotated[AnyLoad | None, Load(Quantity("concentration", above=0.0))] = Field(
         default=None, description="Concentration of the bath of this part, in place of the phase's."
     )
-    bath_pressure: Annotated[float | Ramp | None, Load(Quantity("pressure"))] = Field(
+    bath_pressure: Annotated[AnyLoad | None, Load(Quantity("pressure"))] = Field(
         default=None, description="Hydrostatic pressure of the bath of this part; 0 before the first phase."
     )
-    potential: Annotated[float | Ramp | None, Load(Quantity("electric potential"))] = Field(
+    potential: Annotated[AnyLoad | None, Load(Quantity("electric potential"))] = Field(
         default=None, description="Electric potential of a part that is given for it, relative to the reference."
     )
 
@@ -49,7 +51,7 @@ class PartLoads(Table):
 class ColumnPartLoads(PartLoads):
     """What acts on an end of a column; what is not given goes on as it is."""
 
-    current: Annotated[float | Ramp | None, Load(Quantity("current density"))] = Field(
+    current: Annotated[AnyLoad | None, Load(Quantity("current density"))] = Field(
         default=None, description="Electric current per area through an end that is given for it, into the tissue."
     )
 
@@ -57,10 +59,10 @@ class ColumnPartLoads(PartLoads):
 class BlockPartLoads(PartLoads):
     """What acts on a part of the boundary of a block; what is not given goes on as it is."""
 
-    tangential_displacement: Annotated[float | Ramp | None, Load(Quantity("length"))] = Field(
+    tangential_displacement: Annotated[AnyLoad | None, Load(Quantity("length"), strain=True)] = Field(
         default=None, description="Displacement of a glued plate along itself, positive along x or y."
     )
-    current: Annotated[float | Ramp | None, Load(Quantity("electric current"))] = Field(
+    current: Annotated[AnyLoad | None, Load(Quantity("electric current"))] = Field(
         default=None,
         description="Electric current through a part that is given for it, into the tissue: of a disc, or of a block "
         "1 mm thick.",
@@ -75,7 +77,13 @@ class Phase(Table):
         description="How long the phase lasts. A relaxation time is that of the biphasic-swelling model of a column "
         "in this phase, see relaxation_fraction."
     )
-    bath_concentration: Annotated[float | Ramp | None, Load(Quantity("concentration", above=0.0))] = Field(
+    until: Annotated[Rate | None, RateReader()] = Field(
+        default=None,
+        description="The phase ends when, once its loads are constant, what is measured changes more slowly than this: "
+        "the pressure of the first part that is moved by a displacement, or the global strain where none is. The "
+        "duration is then the longest, in s.",
+    )
+    bath_concentration: Annotated[AnyLoad | None, Load(Quantity("concentration", above=0.0))] = Field(
         default=None, description="Concentration of the baths of all open parts; without it, as it was."
     )
 
@@ -86,7 +94,14 @@ class Phase(Table):
             if isinstance(loads, PartLoads):
                 yield name, loads
 
-    def loads(self) -> dict[str, float | Ramp]:
+    def all_loads(self) -> Iterator[tuple[tuple[str, ...], AnyLoad]]:
+        """All loads that the phase gives, each with its place in it: those of parts, and the common bath."""
+        if self.bath_concentration is not None:
+            yield ("bath_concentration",), self.bath_concentration
+        for name, load in self.loads().items():
+            yield tuple(name.split(".")), load
+
+    def loads(self) -> dict[str, AnyLoad]:
         """Loads on parts that the phase names: "PART.KIND"."""
         return {f"{name}.{kind}": load for name, given in self.part_loads() for kind, load in given if load is not None}
 

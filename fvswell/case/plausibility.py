@@ -10,15 +10,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fvswell.case.acting_loads import acting_loads, reference_bath
 from fvswell.case.case import Case
-from fvswell.case.column_checks import piston_pressure, pressed_by
+from fvswell.case.column_checks import longest
+from fvswell.case.equilibrium_states import EquilibriumState, equilibrium_states
 from fvswell.case.errors import Finding, Location, Problem
 from fvswell.case.geometry import BlockGeometry
+from fvswell.case.loads import extremes, final_value, in_length
 from fvswell.case.profiles import DepthProfile, PlaneProfile
 from fvswell.case.reading import problems_of, value_type
 from fvswell.case.reference_state import stress_free
-from fvswell.case.values import final_value
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.models import MODELS
 from fvswell.physics.osmotic import osmotic_pressure_difference
@@ -62,14 +62,6 @@ RANGES: dict[str, Range] = {  # by key of the case, or by what is derived from i
 }
 
 
-class _State(NamedTuple):
-    """What the protocol comes to: the loads of a phase, nan where the pressure is not given, and the key that says."""
-
-    location: Location
-    pressure: float
-    bath: float
-
-
 def warnings_of(case: Case) -> list[Problem]:
     """What is legal in a case and hardly meant, each with what it implies."""
     with np.errstate(all="ignore"):  # absurd numbers may overflow
@@ -82,7 +74,7 @@ def _findings(case: Case) -> Iterator[Finding]:
     points = case.geometry.sample_points(list(case.tissue.profiles.values()))
     tissue, swollen = stress_free(case, case.tissue_at(points), MODELS[case.model])
     yield from _unusual_consolidation(case, tissue)
-    states = list(_states(case))
+    states = list(equilibrium_states(case))
     J = [np.atleast_1d(equilibrium_volume_ratio(tissue, state.pressure, state.bath)) for state in states]
     yield from _unusual_strains(states, J, np.atleast_1d(swollen))
     yield from _unusual_displacements(case)
@@ -109,13 +101,14 @@ def _unusual_values(case: Case) -> Iterator[Finding]:
             )
     usual = RANGES["bath.concentration"]
     for phase, each in enumerate(case.phase):
-        baths = {("bath_concentration",): each.bath_concentration}
+        baths: dict[Location, Any] = {("bath_concentration",): each.bath_concentration}
         baths |= {(name, "bath_concentration"): loads.bath_concentration for name, loads in each.part_loads()}
         for place, load in baths.items():
-            if load is not None and not usual.holds(final_value(load)):
+            value = np.nan if load is None else final_value(load, longest(each))
+            if load is not None and not usual.holds(value):
                 yield Finding(
                     ("phase", phase, *place),
-                    f"is {final_value(load):.4g} mmol/mm^3, and usual are {usual.low:g} to {usual.high:g} mmol/mm^3: "
+                    f"is {value:.4g} mmol/mm^3, and usual are {usual.low:g} to {usual.high:g} mmol/mm^3: "
                     f"{usual.source}; is the unit as meant?",
                 )
 
@@ -145,24 +138,7 @@ def _unusual_consolidation(case: Case, tissue: Tissue) -> Iterator[Finding]:
         )
 
 
-def _states(case: Case) -> Iterator[_State]:
-    """The first equilibrium, and what each phase ends with."""
-    yield _State(("bath", "concentration"), 0.0, case.bath.concentration)
-    reference = reference_bath(case.parts)
-    if reference is None:
-        return
-    for index, (phase, acting) in enumerate(zip(case.phase, acting_loads(case), strict=True)):
-        location: Location = ("phase", index)
-        if phase.bath_concentration is not None:
-            location = ("phase", index, "bath_concentration")
-        pressure = piston_pressure(case, acting)
-        if pressure is not None and final_value(pressure) != 0.0:
-            location = pressed_by(case, index)
-        bath = final_value(acting[f"{reference.name}.bath_concentration"])
-        yield _State(location, 0.0 if pressure is None else final_value(pressure), bath)
-
-
-def _unusual_strains(states: list[_State], ratios: list[Array], swollen: Array) -> Iterator[Finding]:
+def _unusual_strains(states: list[EquilibriumState], ratios: list[Array], swollen: Array) -> Iterator[Finding]:
     """Equilibria far from the first one, and a first one far from the stress-free solid."""
     usual = RANGES["strain"]
     for state, J in zip(states, ratios, strict=True):
@@ -188,7 +164,8 @@ def _unusual_displacements(case: Case) -> Iterator[Finding]:
             if kind != "displacement":
                 continue
             axis = 0 if edges.get(part) in ("left", "right") else -1
-            strain = final_value(load) / extent[axis]
+            moved = extremes(in_length(load, extent[axis]), longest(phase), 0.0)
+            strain = max(moved, key=abs) / extent[axis]
             if not usual.holds(strain):
                 yield Finding(
                     ("phase", index),
@@ -196,7 +173,7 @@ def _unusual_displacements(case: Case) -> Iterator[Finding]:
                 )
 
 
-def _drawn_out(tissue: Tissue, states: list[_State], ratios: list[Array]) -> Iterator[Finding]:
+def _drawn_out(tissue: Tissue, states: list[EquilibriumState], ratios: list[Array]) -> Iterator[Finding]:
     """Baths in which the ions draw water out of the tissue, at the state before they come and at that after."""
     seen: set[float] = set()
     for index, (state, J) in enumerate(zip(states, ratios, strict=True)):

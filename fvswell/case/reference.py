@@ -9,10 +9,11 @@ from inspect import getdoc
 
 from pydantic.fields import FieldInfo
 
+from fvswell.case.loads import Load
 from fvswell.case.reading import allowed_values, tables_below, value_type
 from fvswell.case.schema import CaseTable
 from fvswell.case.tables import Table, inner_tables
-from fvswell.case.values import Load, Quantity
+from fvswell.case.values import Quantity
 from fvswell.units import DIMENSIONS
 
 __all__ = ["case_reference"]
@@ -34,8 +35,22 @@ constant outside them. Depth is the distance from the filter in the stress-free 
 In a block it is `{ x = [...], y = [...], value = [[...], ...] }`, with a row of values for each y, or
 `{ x = [...], value = [...] }`, or the same with y.
 
-**Loads** marked *ramps* step to the given value when their phase starts. As `{ ramp_to = ..., over = ... }`
-they go there linearly within the time `over`, which must not be longer than the phase.
+**Loads** marked *over time* step to the given value when their phase starts, or they are one of
+
+- `{ ramp_to = ..., over = ... }`: a ramp that goes there linearly within the time `over` of the start of the phase.
+- `{ times = [...], values = [...] }`: linear between points as they were measured, constant after the last. Times are
+  from the start of the phase; a first one above 0 is reached on a ramp from the present value.
+- `{ file = "protocol.csv", time = "Time [s]", value = "Force [N]" }`: the same from two columns of a text file beside
+  the case file, separated by commas, semicolons or tabs, with names in the first line. A column may be called without
+  its unit; where the file says none, give it as `time_unit = "s"` or `value_unit = "N"`. Decimals have a point. The
+  points go into the result, which can be run again without the file; if the file has changed by then, that is reported.
+- `{ mean = ..., amplitude = ..., period = ... }`: mean + amplitude sin(2 pi t/period) from the start of the phase.
+
+None may be longer than its phase. A displacement may also be given in %, of the equilibrated height or width; all
+values of one load then are.
+
+**Groups of phases** that are repeated are written as one phase with a name, `repeat = 20`, and under it the phases as
+`[[phase.phase]]`. Phase "loading" of group "cycle" is called "cycle 1 loading" in the first round.
 """
 
 
@@ -93,7 +108,7 @@ def _default(field: FieldInfo) -> str:
 
 def _allowed(field: FieldInfo) -> str:
     reader = value_type(field)
-    marks = {"varies": isinstance(reader, Quantity) and reader.varying, "ramps": isinstance(reader, Load)}
+    marks = {"varies": isinstance(reader, Quantity) and reader.varying, "over time": isinstance(reader, Load)}
     return "; ".join([allowed_values(field), *(f"*{mark}*" for mark, given in marks.items() if given)])
 
 

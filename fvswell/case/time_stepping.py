@@ -79,7 +79,7 @@ class Output(Table):
     per_phase: Annotated[int | None, Count(1)] = Field(
         default=None,
         description="Write at the ends of this many equal parts of each phase, and more often at first: in the part "
-        "that follows a jump or the end of a ramp.",
+        "that follows a jump or the end of a ramp or table; in each period of a sine 16 times or more.",
     )
     times: Annotated[tuple[float, ...] | None, Times()] = Field(
         default=None, description="Write at these times from the start of the run."

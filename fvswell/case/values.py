@@ -12,41 +12,32 @@ from typing import Any, NamedTuple
 from pydantic_core import core_schema
 
 from fvswell.case.errors import nearest_name
-from fvswell.case.lists import read_increasing, read_table
+from fvswell.case.lists import read_increasing
 from fvswell.case.profiles import DepthProfile, PlaneProfile, Profile, read_profile
 from fvswell.units import DIMENSIONS, NUMBER, PLAIN_NUMBER, parse
 
 __all__ = [
+    "RATES",
     "Choice",
     "Count",
     "Counts",
     "Duration",
     "Flag",
-    "Load",
     "Name",
     "Names",
     "Point",
     "Quantity",
-    "Ramp",
+    "Rate",
+    "RateReader",
     "RelaxationTimes",
     "Text",
     "Times",
     "ValueType",
-    "final_value",
 ]
 
+RATES = ("pressure rate", "strain rate")  # dimensions
+_PERCENT_PER_TIME = re.compile(rf"\s*({NUMBER})\s*%\s*(/.*)")
 _RELAXATION_TIMES = re.compile(rf"\s*({NUMBER})\s+relaxation\s+times?\s*")
-
-
-class Ramp(NamedTuple):
-    """A linear change from the present value to ``ramp_to`` within ``over`` seconds of the phase's start."""
-
-    ramp_to: float
-    over: float
-
-    def longer_than(self, duration: float) -> str:
-        """What is wrong with a ramp that is longer than its phase."""
-        return f"over: {self.over:g} s is longer than the phase, {duration:g} s"
 
 
 class RelaxationTimes(NamedTuple):
@@ -58,9 +49,11 @@ class RelaxationTimes(NamedTuple):
         return f"{self.multiple!r} relaxation times"
 
 
-def final_value(load: float | Ramp) -> float:
-    """The value that a step or a ramp ends with."""
-    return load.ramp_to if isinstance(load, Ramp) else load
+class Rate(NamedTuple):
+    """How fast a pressure or a strain changes."""
+
+    value: float  # in the internal unit, 1/s or MPa/s
+    dimension: str  # one of RATES
 
 
 class ValueType(ABC):
@@ -284,32 +277,6 @@ class Quantity(ValueType):
 
 
 @dataclass(frozen=True)
-class Load(ValueType):
-    """A quantity that steps to a value when a phase starts, or goes there along a ramp."""
-
-    quantity: Quantity
-
-    @property
-    def unit(self) -> str:
-        """Internal unit of the dimension."""
-        return self.quantity.unit
-
-    @property
-    def allowed(self) -> str:
-        """The bounds."""
-        return self.quantity.allowed
-
-    def _read(self, value: Any) -> float | Ramp:
-        if not isinstance(value, Mapping):
-            return self.quantity.number(value)
-        readers = {"ramp_to": self.quantity.number, "over": Quantity("time", above=0.0).number}
-        return Ramp(**read_table(value, readers))
-
-    def _plain(self, value: float | Ramp) -> Any:
-        return value._asdict() if isinstance(value, Ramp) else value
-
-
-@dataclass(frozen=True)
 class Duration(ValueType):
     """A time, or a multiple of the relaxation time."""
 
@@ -325,6 +292,30 @@ class Duration(ValueType):
 
     def _plain(self, value: float | RelaxationTimes) -> Any:
         return str(value) if isinstance(value, RelaxationTimes) else value
+
+
+@dataclass(frozen=True)
+class RateReader(ValueType):
+    """A rate at which a pressure or a strain changes."""
+
+    allowed = 'a rate above 0, such as "1e-3 MPa/min" of a pressure, or "1e-4 /min" or "0.01 %/min" of a strain'
+
+    def _read(self, value: Any) -> Rate:
+        if not isinstance(value, str):
+            raise ValueError(f"must be {self.allowed}")
+        percent = _PERCENT_PER_TIME.fullmatch(value)
+        text = value if percent is None else f"{percent[1]} {percent[2]}"
+        for dimension in RATES if percent is None else ("strain rate",):
+            try:
+                number = parse(text, dimension)
+            except ValueError:
+                continue
+            if number > 0.0:
+                return Rate(number if percent is None else number / 100.0, dimension)
+        raise ValueError(f"must be {self.allowed}")
+
+    def _plain(self, value: Rate) -> str:
+        return f"{value.value!r} {DIMENSIONS[value.dimension].unit}"
 
 
 @dataclass(frozen=True)

@@ -54,6 +54,8 @@ def read_case(path: Path, settings: list[str] | None, model: str | None = None) 
     if model is not None:
         changes["model"] = model
     case = case_of_result(path) if path.suffix == ".nc" else load_case(path)
+    for remark in case.changed_load_files():
+        typer.echo(remark, err=True)
     return case.with_changes(changes) if changes else case
 
 

@@ -131,15 +131,21 @@ def check(
 @reported_errors
 def new(
     name: Annotated[Path, typer.Argument(metavar="NAME", help="Name of the case; NAME.toml is written.")],
+    tissue: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Properties of a tissue from the literature, such as annulus-fibrosus."),
+    ] = None,
     force: Force = False,
 ) -> None:
     """Write a commented case to begin with."""
     from fvswell.case.case import starter_text
+    from fvswell.case.starter import starter_of_tissue
 
+    text = starter_text() if tissue is None else starter_of_tissue(tissue)
     path = name if name.suffix == ".toml" else name.with_name(f"{name.name}.toml")
     try:
         with path.open("w" if force else "x", encoding="utf-8") as file:
-            file.write(starter_text())
+            file.write(text)
     except FileExistsError:
         raise OutputError(f"{path}: exists already; use --force to replace it") from None
     except OSError as error:
@@ -163,7 +169,7 @@ def compare(
 
     Prints tables and writes the results, a figure and a table to DIR.
     """
-    from fvswell.analysis.comparison import compare_results, phase_lengths, with_models
+    from fvswell.analysis.comparison import common_durations, compare_results, phase_lengths, with_models
     from fvswell.reporting.block_plots import all_blocks, block_comparison_figure
     from fvswell.reporting.comparison_report import comparison_remarks, comparison_tables
     from fvswell.reporting.plots import comparison_figure, save_figure
@@ -179,7 +185,7 @@ def compare(
     refuse_existing([*paths.values(), table, *figures], force)
     console = Console(quiet)
     console.lines(*case_lines(case, ", ".join(cases)))
-    durations: list[float] | None = None
+    durations = common_durations(cases)
     results = {}
     for name, each in cases.items():
         result = results[name] = _simulate(each, paths[name], force, console, durations).dataset()

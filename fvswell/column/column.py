@@ -7,7 +7,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from fvswell.boundary.parts import Part
 from fvswell.column.balances import COLUMN_LOADS, DIMENSIONS, full_balances, reduced_balances
+from fvswell.column.electrical import Parts, current_is_found, electrode_sign
 from fvswell.column.grid import ColumnGrid
 from fvswell.column.stage import ColumnBody
 from fvswell.compiled import kernel, law_kernel
@@ -19,15 +21,18 @@ from fvswell.physics.models import Model
 from fvswell.physics.osmotic import bath_log_activity, ion_concentrations
 from fvswell.physics.tissue import Array, Tissue, fixed_charge_density, tissue_parameters
 
-__all__ = ["Column", "OpenCircuit", "compiled_march"]
+__all__ = ["FILTER_AND_PISTON", "Column", "OpenCircuit", "compiled_march"]
 
 OpenCircuit = Literal["initial", "state", "none"]
+FILTER_AND_PISTON: Parts = (
+    Part("filter", "fixed", open=True, electrical="grounded"), Part("piston", "straight")
+)  # fmt: skip
 compiled_march = kernel(march)
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column between a filter at x = 0, open to the bath, and a piston.
+    """A column between a filter at x = 0, which is fixed, and a piston.
 
     Parameters
     ----------
@@ -42,8 +47,9 @@ class Column:
     open_circuit
         Permeability of a model that has the streaming potential in it: with k_open/k of the initial state, or of the
         state as it is, or the tissue's own.
-    open_ends
-        Whether the end at x = 0, and that at x = h, is open to a bath.
+    parts
+        The filter at x = 0 and the piston at x = h: their names, baths and electrical conditions. That the filter is
+        open to the bath, and the piston closed and an insulator, is the default.
     """
 
     grid: ColumnGrid
@@ -52,7 +58,7 @@ class Column:
     faces: Tissue
     concentration: float
     open_circuit: OpenCircuit = "initial"
-    open_ends: tuple[bool, bool] = (True, False)
+    parts: Parts = FILTER_AND_PISTON
 
     def initial_volume_ratio(self) -> Array:
         """J of the cells in equilibrium with the bath under no load, (cells,); nan where there is no equilibrium."""
@@ -73,34 +79,46 @@ class Column:
         contents = self.contents(J, self.concentration)
         loads = np.zeros(len(COLUMN_LOADS))
         loads[COLUMN_LOADS.index("height")] = J @ self.grid.widths
-        loads[COLUMN_LOADS.index("filter_concentration")] = self.concentration
-        loads[COLUMN_LOADS.index("piston_concentration")] = self.concentration
-        return start_state(np.append(contents.ravel(), 0.0), contents, loads, parts=2)
+        loads[COLUMN_LOADS.index("filter_bath_concentration")] = self.concentration
+        loads[COLUMN_LOADS.index("piston_bath_concentration")] = self.concentration
+        return start_state(np.append(contents.ravel(), [0.0, 0.0]), contents, loads, parts=2)
 
     def body(self, J: Array) -> ColumnBody:
         """The column as compiled code takes it; ``J`` is the initial volume ratio."""
         n, unknowns = len(self.grid.widths), 2 if self.model.transports_ions else 1
+        rows = 3 if self.current_is_found else unknowns
         laws = (type(self.cells.solid), type(self.cells.permeability), type(self.cells.osmotic))
         if self.model.transports_ions:
-            evaluate = law_kernel(full_balances, DIMENSIONS, *laws)
+            evaluate = law_kernel(full_balances, DIMENSIONS, *laws, self.current_is_found)
         else:
             of_state = self.model.open_circuit and self.open_circuit == "state"
             evaluate = law_kernel(reduced_balances, DIMENSIONS, *laws, of_state)
         faces = np.vstack([tissue_parameters(self.faces, n + 1), self.open_circuit_ratio(J)])
 
-        def blocks(count: int) -> Any:
-            return np.zeros((unknowns, unknowns, count))
+        def blocks(count: int, rows: int = unknowns) -> Any:
+            return np.zeros((rows, unknowns, count))
 
         return ColumnBody(
             evaluate=evaluate, cells=tissue_parameters(self.cells, n), faces=faces, metric=self.grid.metric,
-            open_ends=np.array(self.open_ends, dtype=float), widths=self.grid.widths, scale=self.scale[:unknowns],
+            ends=self.ends, widths=self.grid.widths, scale=self.scale[:unknowns],
             dry=np.broadcast_to(1.0 - np.asarray(self.cells.fluid_fraction, dtype=float), n).copy(),
-            initial_height=float(J @ self.grid.widths), fluxes=np.zeros((3, n + 1)), by_lower=blocks(n + 1),
-            by_upper=blocks(n + 1), by_pressure=np.zeros((unknowns, 2)), potentials=np.zeros((6, n)), lower=blocks(n),
-            diagonal=blocks(n), upper=blocks(n), right=np.zeros((unknowns, n)), step=np.zeros((unknowns, n)),
-            response=np.zeros((unknowns, n)),
+            initial_height=float(J @ self.grid.widths), fluxes=np.zeros((4, n + 1)), by_lower=blocks(n + 1, rows),
+            by_upper=blocks(n + 1, rows), by_pressure=np.zeros((rows, 2)), by_current=np.zeros((rows, n + 1)),
+            potentials=np.zeros((6, n)), lower=blocks(n), diagonal=blocks(n), upper=blocks(n),
+            right=np.zeros((unknowns, n)), step=np.zeros((unknowns, n)), response=np.zeros((unknowns, n)),
+            electric=np.zeros((unknowns, n)),
             start=np.zeros((unknowns, n + 1)),
         )  # fmt: skip
+
+    @property
+    def current_is_found(self) -> bool:
+        """Whether the current follows from the potentials of both parts."""
+        return self.model.transports_ions and current_is_found(self.parts)
+
+    @property
+    def ends(self) -> Array:
+        """For both parts, whether they are open, and the sign of the ion that an electrode exchanges; (2, 2)."""
+        return np.array([[float(part.open) for part in self.parts], [electrode_sign(part) for part in self.parts]])
 
     @property
     def scale(self) -> Array:

@@ -1,7 +1,8 @@
 """A column as the time integrator sees it: implicit stages by Newton's method, with everything about it in arrays.
 
-The unknowns are the contents of the cells and, last, the applied pressure. Where the height of the column is given, the
-pressure is found together with the contents.
+The unknowns are the contents of the cells and, last, the pressure of the piston and the current along x. Where the
+height of the column is given, the pressure is found together with the contents; where the potentials of both ends are,
+the current is.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fvswell.column.balances import CURRENT, HEIGHT, PRESSURE
+from fvswell.column.found import current_in_column, current_is_missing, evaluate_body, find_scalars, scalar_steps
 from fvswell.compiled import compiled_type, generic, point
 from fvswell.numerics.block_tridiagonal import solve_block_tridiagonal
 from fvswell.numerics.body import admissible, complete_loads, find_rate, find_unknowns, global_strain, solve_stage
@@ -26,13 +28,15 @@ from fvswell.numerics.state import (
     RESIDUAL,
     UPDATE,
 )
+from fvswell.physics.constants import FARADAY
 
-__all__ = ["ColumnBody", "find_step"]
+__all__ = ["ColumnBody", "find_electric_response", "find_step"]
 
 _MAX_ITERATIONS = 25
 _MAX_HALVINGS = 8
 _NEAR = 1e-6  # update so close to the solution that Newton's step is taken whole
 _UNBALANCED = 1e-9  # residual, relative to the contents, below which it may grow: it is near rounding
+_OFF = 1e-6  # mV, of a given potential, above which the residual may grow on the way to it
 _ROUNDING = 1e-13  # update that is rounding: no balance can be closed better
 _SMALLEST_KNOWN = 1e-7  # update that still says how fast Newton converges
 _FORGETTING = 4.0  # how much slower it is taken to converge each time that it is relied upon and not seen
@@ -47,7 +51,7 @@ class ColumnBody(NamedTuple):
     cells: Any
     faces: Any
     metric: Any
-    open_ends: Any
+    ends: Any
     widths: Any  # (cells,) reference widths, mm
     scale: Any  # (balances,) natural size of the contents
     dry: Any  # (cells,) J without water, 1 - n_f0
@@ -56,6 +60,7 @@ class ColumnBody(NamedTuple):
     by_lower: Any
     by_upper: Any
     by_pressure: Any
+    by_current: Any
     potentials: Any
     lower: Any
     diagonal: Any
@@ -63,6 +68,7 @@ class ColumnBody(NamedTuple):
     right: Any
     step: Any
     response: Any
+    electric: Any
     start: Any
 
     @property
@@ -73,16 +79,33 @@ class ColumnBody(NamedTuple):
 
 @generic
 def find_step(body: Any, contents: Any, base: Any, duration: Any, loads: Any) -> Any:
-    """Newton's step from contents into ``body.step``, and its derivative by the applied pressure ``body.response``.
+    """Newton's step from contents into ``body.step``, and its derivative by the pressure into ``body.response``.
 
     The balances have been evaluated there; ``body.right`` holds their residual with the opposite sign.
     """
 
 
+@generic
+def find_electric_response(body: Any, contents: Any, base: Any, duration: Any, loads: Any) -> Any:
+    """Derivative of the step that `find_step` has found by the current, into ``body.electric``."""
+
+
 @find_step.register(ColumnBody)
 def _find_step(body: Any, contents: Any, base: Any, duration: Any, loads: Any) -> Any:
     _assemble(body, duration)
+    _set_right_sides(body, duration)
     solve_block_tridiagonal(body.lower, body.diagonal, body.upper, body.step, body.response)
+
+
+@find_electric_response.register(ColumnBody)
+def _find_electric_response(body: Any, contents: Any, base: Any, duration: Any, loads: Any) -> Any:
+    balances, n = contents.shape
+    _assemble(body, duration)
+    for b in range(balances):
+        for i in range(n):
+            body.electric[b, i] = duration * (body.by_current[b, i] - body.by_current[b, i + 1])
+    # the residual has been used: it is the second right side here, of which nothing is wanted
+    solve_block_tridiagonal(body.lower, body.diagonal, body.upper, body.electric, body.right)
 
 
 @global_strain.register(ColumnBody)
@@ -96,7 +119,7 @@ def _strain(body: Any, unknowns: Any, contents: Any) -> Any:
 @admissible.register(ColumnBody)
 def _admissible(body: Any, guess: Any, unknowns: Any) -> Any:
     n = len(body.widths)
-    balances = (len(guess) - 1) // n
+    balances = (len(guess) - 2) // n
     for i in range(n):
         if not guess[i] - body.dry[i] > 0.5 * (unknowns[i] - body.dry[i]):
             return False
@@ -107,7 +130,8 @@ def _admissible(body: Any, guess: Any, unknowns: Any) -> Any:
 
 @complete_loads.register(ColumnBody)
 def _complete_loads(body: Any, unknowns: Any, contents: Any, loads: Any) -> Any:
-    loads[PRESSURE] = unknowns[len(unknowns) - 1]
+    find_scalars(body, unknowns, contents, loads, np.nan)
+    loads[CURRENT + 1] = -loads[CURRENT]
     height = 0.0
     for i in range(len(body.widths)):
         height += body.widths[i] * contents[0, i]
@@ -122,17 +146,7 @@ def _find_unknowns(
     for b in range(balances):
         for i in range(n):
             unknowns[b * n + i] = contents[b, i]
-    if np.isnan(loads[HEIGHT]):
-        unknowns[balances * n] = loads[PRESSURE]
-        return
-    # the fluxes are linear in the pressure: what enters is what the moving end makes room for
-    loads[PRESSURE] = unknowns[balances * n]
-    body.evaluate(
-        body.cells, body.faces, body.metric, contents, loads, body.open_ends, body.fluxes, body.by_lower, body.by_upper,
-        body.by_pressure, body.potentials,
-    )  # fmt: skip
-    entering = body.fluxes[0, 0] - body.fluxes[0, n]
-    unknowns[balances * n] += (slopes[HEIGHT] - entering) / (body.by_pressure[0, 0] - body.by_pressure[0, 1])
+    find_scalars(body, unknowns, contents, loads, np.nan if np.isnan(loads[HEIGHT]) else slopes[HEIGHT])
 
 
 @find_rate.register(ColumnBody)
@@ -141,19 +155,15 @@ def _find_rate(
 ) -> Any:
     balances, n = contents.shape
     _find_unknowns(body, unknowns, contents, rate, loads, slopes, 0.0, clock, report)
-    loads[PRESSURE] = unknowns[balances * n]
-    body.evaluate(
-        body.cells, body.faces, body.metric, contents, loads, body.open_ends, body.fluxes, body.by_lower, body.by_upper,
-        body.by_pressure, body.potentials,
-    )  # fmt: skip
+    evaluate_body(body, contents, loads)
     for b in range(balances):
         for i in range(n):
             rate[b, i] = (body.fluxes[b, i] - body.fluxes[b, i + 1]) / body.widths[i]
     for q in range(3):
         crossing[0, q] = body.fluxes[min(q, 1), 0]
         crossing[1, q] = -body.fluxes[min(q, 1), n]
-    crossing[0, 2] += loads[CURRENT]
-    crossing[1, 2] -= loads[CURRENT]
+    crossing[0, 2] += loads[CURRENT] / FARADAY
+    crossing[1, 2] -= loads[CURRENT] / FARADAY
     return np.isfinite(crossing[0, 0]) and np.isfinite(crossing[1, 0])
 
 
@@ -173,6 +183,11 @@ def _solve_stage(
     balances, n = contents.shape
     held = not np.isnan(loads[HEIGHT])
     pressure = unknowns[balances * n] if held else loads[PRESSURE]
+    current = current_in_column(contents, loads)
+    found = current_is_missing(body, contents, loads)
+    if found:
+        current = unknowns[balances * n + 1]
+    start_current, current_step = current, 0.0
     for b in range(balances):
         for i in range(n):
             contents[b, i] = unknowns[b * n + i]
@@ -182,11 +197,8 @@ def _solve_stage(
     done = False
     report[ITERATIONS] = 0.0
     while report[ITERATIONS] < _MAX_ITERATIONS:
-        loads[PRESSURE] = pressure
-        body.evaluate(
-            body.cells, body.faces, body.metric, contents, loads, body.open_ends, body.fluxes, body.by_lower,
-            body.by_upper, body.by_pressure, body.potentials,
-        )  # fmt: skip
+        loads[PRESSURE], loads[CURRENT] = pressure, current
+        evaluate_body(body, contents, loads)
         norm = _residual(body, contents, base, duration, report)
         if not norm <= before and not size < _NEAR and halvings < _MAX_HALVINGS:
             halvings += 1  # worse than before: half the step
@@ -195,31 +207,28 @@ def _solve_stage(
                 for i in range(n):
                     contents[b, i] = body.start[b, i] + fraction * body.step[b, i]
             pressure = body.start[balances - 1, n] + fraction * pressure_step
+            current = start_current + fraction * current_step
             continue
         if not np.isfinite(norm):
             break
         report[ITERATIONS] += 1.0
         halvings, before = 0, max(norm, _UNBALANCED)
         find_step(body, contents, base, duration, loads)
-        pressure_step = 0.0
-        if held:
-            gap, response = loads[HEIGHT], 0.0
-            for i in range(n):
-                gap -= body.widths[i] * (contents[0, i] + body.step[0, i])
-                response += body.widths[i] * body.response[0, i]
-            pressure_step = gap / response
-            for b in range(balances):
-                for i in range(n):
-                    body.step[b, i] += pressure_step * body.response[b, i]
-            before = np.inf if abs(gap) > _UNBALANCED * loads[HEIGHT] else before
+        pressure_step, current_step = 0.0, 0.0
+        if found:
+            find_electric_response(body, contents, base, duration, loads)
+        if held or found:
+            pressure_step, current_step, gap, lacked = scalar_steps(body, contents, loads, held, found)
+            before = np.inf if abs(gap) > _UNBALANCED or abs(lacked) > _OFF else before
         fraction = _admissible_part(body, contents)
         last, size = size, _size(body)
-        body.start[balances - 1, n] = pressure
+        body.start[balances - 1, n], start_current = pressure, current
         for b in range(balances):
             for i in range(n):
                 body.start[b, i] = contents[b, i]
                 contents[b, i] += fraction * body.step[b, i]
         pressure += fraction * pressure_step
+        current += fraction * current_step
         report[UPDATE] = size
         if not np.isfinite(size):
             break
@@ -242,11 +251,12 @@ def _solve_stage(
         return False
     if done:
         report[REASON] = CONVERGED
-        _set_crossing(body, pressure_step, loads[CURRENT], crossing)
+        _set_crossing(body, pressure_step, current_step, current, crossing)
         for b in range(balances):
             for i in range(n):
                 unknowns[b * n + i] = contents[b, i]
         unknowns[balances * n] = pressure
+        unknowns[balances * n + 1] = current
     return done
 
 
@@ -284,7 +294,7 @@ def _residual(body: Any, contents: Any, base: Any, duration: Any, report: Any) -
 
 @point
 def _assemble(body: Any, duration: Any) -> Any:
-    """Derivatives of the residual, and its derivative by the applied pressure with the opposite sign."""
+    """Derivatives of the residual by the contents."""
     balances, n = body.step.shape
     for b in range(balances):
         for u in range(balances):
@@ -294,6 +304,14 @@ def _assemble(body: Any, duration: Any) -> Any:
                 body.upper[b, u, i] = duration * body.by_upper[b, u, i + 1]
         for i in range(n):
             body.diagonal[b, b, i] += body.widths[i]
+
+
+@point
+def _set_right_sides(body: Any, duration: Any) -> Any:
+    """The residual, and its derivative by the pressure, both with the opposite sign."""
+    balances, n = body.step.shape
+    for b in range(balances):
+        for i in range(n):
             body.step[b, i] = body.right[b, i]
             body.response[b, i] = 0.0
         body.response[b, 0] += duration * body.by_pressure[b, 0]
@@ -331,17 +349,18 @@ def _size(body: Any) -> Any:
 
 
 @point
-def _set_crossing(body: Any, pressure_step: Any, current: Any, crossing: Any) -> Any:
+def _set_crossing(body: Any, pressure_step: Any, current_step: Any, current: Any, crossing: Any) -> Any:
     """Rates of entering through both ends: the fluxes of the last iterate, linearised to the solution."""
     balances, n = body.step.shape
     for end in range(2):
         face, cell, sign = n * end, (n - 1) * end, 1.0 - 2.0 * end
         for b in range(balances):
             flux = body.fluxes[b, face] + body.by_pressure[b, end] * pressure_step
+            flux += body.by_current[b, face] * current_step
             for u in range(balances):
                 slope = body.by_upper[b, u, face] if end == 0 else body.by_lower[b, u, face]
                 flux += slope * body.step[u, cell]
             crossing[end, b] = sign * flux
         if balances == 1:
             crossing[end, 1] = 0.0
-        crossing[end, 2] = crossing[end, 1] + sign * current
+        crossing[end, 2] = crossing[end, 1] + sign * current / FARADAY

@@ -16,7 +16,7 @@ from fipy import TransientTerm
 from fvswell.block.body import BlockBody
 from fvswell.column.balances import COLUMN_LOADS, HEIGHT
 from fvswell.column.column import Column
-from fvswell.column.stage import ColumnBody, find_step
+from fvswell.column.stage import ColumnBody, find_electric_response, find_step
 from fvswell.fipy.block_body import fipy_block_body
 from fvswell.fipy.mesh import column_mesh
 from fvswell.fipy.stock_terms import StockTerms
@@ -31,7 +31,10 @@ __all__ = ["AssembledSetup", "ColumnEquation", "FipyColumnBody", "FluxTermEquati
 class ColumnEquation(Protocol):
     """Balances of a column in FiPy's terms."""
 
-    def sweep(self, contents: Array, base: Array, duration: float, loads: Array, pressure_rise: float) -> Array:
+    def sweep(
+        self, contents: Array, base: Array, duration: float, loads: Array, pressure_rise: float,
+        current_rise: float = 0.0,
+    ) -> Array:  # fmt: skip
         """Contents (balances, cells) after one sweep, which is a Newton step.
 
         Parameters
@@ -44,6 +47,8 @@ class ColumnEquation(Protocol):
             Values of `COLUMN_LOADS`.
         pressure_rise
             Applied above the pressure of the loads, MPa; the balances are linear in it.
+        current_rise
+            Above the current of the loads, A/mm2, of a column that finds its current; the same.
         """
 
 
@@ -64,7 +69,13 @@ def _find_step(body: Any, contents: Array, base: Array, duration: float, loads: 
         body.response[:] = body.equation.sweep(contents, base, duration, loads, 1.0) - swept
 
 
+def _find_electric_response(body: Any, contents: Array, base: Array, duration: float, loads: Array) -> None:
+    swept, risen = (body.equation.sweep(contents, base, duration, loads, 0.0, rise) for rise in (0.0, 1.0))
+    body.electric[:] = risen - swept
+
+
 find_step.implementations[FipyColumnBody] = _find_step
+find_electric_response.implementations[FipyColumnBody] = _find_electric_response
 
 
 class FluxTermEquation:
@@ -76,16 +87,21 @@ class FluxTermEquation:
         self.fluxes = ColumnFluxTerm(body, self.variable, np.zeros(len(COLUMN_LOADS)))
         self.equation = TransientTerm(var=self.variable) + self.fluxes
 
-    def set_iterate(self, contents: Array, base: Array, loads: Array, pressure_rise: float = 0.0) -> None:
+    def set_iterate(
+        self, contents: Array, base: Array, loads: Array, pressure_rise: float = 0.0, current_rise: float = 0.0
+    ) -> None:
         """Put the equation where it is to be linearised."""
-        self.fluxes.loads, self.fluxes.pressure_rise = loads, pressure_rise
+        self.fluxes.loads, self.fluxes.pressure_rise, self.fluxes.current_rise = loads, pressure_rise, current_rise
         self.variable.setValue(base)
         self.variable.updateOld()
         self.variable.setValue(contents)
 
-    def sweep(self, contents: Array, base: Array, duration: float, loads: Array, pressure_rise: float) -> Array:
+    def sweep(
+        self, contents: Array, base: Array, duration: float, loads: Array, pressure_rise: float,
+        current_rise: float = 0.0,
+    ) -> Array:  # fmt: skip
         """See `ColumnEquation`."""
-        self.set_iterate(contents, base, loads, pressure_rise)
+        self.set_iterate(contents, base, loads, pressure_rise, current_rise)
         self.equation.sweep(dt=duration, solver=direct_solver())
         return np.array(self.variable.value)
 

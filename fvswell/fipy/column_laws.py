@@ -10,9 +10,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fvswell.column.balances import BATH_PRESSURE, CONCENTRATION, CURRENT, PRESSURE
+from fvswell.column.balances import (
+    BATH_PRESSURE,
+    CONCENTRATION,
+    current_along,
+    pressure_on_tissue,
+    reference_concentration,
+)
 from fvswell.column.column import Column
 from fvswell.compiled.dual import slope_of, value_of, variables
+from fvswell.physics.constants import FARADAY
 from fvswell.physics.fluxes import mixture_fluxes, potential_gradient_of_current
 from fvswell.physics.osmotic import (
     bath_log_activity,
@@ -55,10 +62,10 @@ def cell_potentials(column: Column, contents: Array, loads: Array) -> CellPotent
         cation = charge + anion
         activity = log_activity(tissue.osmotic, charge, cation, anion)
     else:
-        activity = bath_log_activity(tissue.osmotic, loads[CONCENTRATION]) + 0.0 * s
+        activity = bath_log_activity(tissue.osmotic, reference_concentration(loads, column.ends)) + 0.0 * s
         cation, anion = ion_concentrations(tissue.osmotic, charge, activity)
     pi = osmotic_pressure(tissue.osmotic, tissue.thermal_energy, charge, cation, anion)
-    mu = uniaxial_stress(tissue.solid, J, tissue.fluid_fraction) + loads[PRESSURE] - pi
+    mu = uniaxial_stress(tissue.solid, J, tissue.fluid_fraction) + pressure_on_tissue(loads, column.ends) - pi
     zero = np.zeros(len(contents[0]))
     return CellPotentials(
         np.array([value_of(mu), value_of(activity)]),
@@ -81,7 +88,7 @@ def end_potentials(column: Column, loads: Array) -> Array:
 def face_fluxes(
     column: Column, initial_ratio: Array, contents: Array, potentials: Array, gradients: Array, loads: Array
 ) -> FaceFluxes:
-    """Fluxes at all faces; none but the current passes closed ends.
+    """Fluxes at all faces; none but the current passes closed ends, and the anions that an electrode exchanges.
 
     Parameters
     ----------
@@ -97,16 +104,20 @@ def face_fluxes(
     last, stretch = len(column.grid.widths), column.grid.face_stretch(contents[0])
     activity = 0.5 * (potentials[1, 1:] + potentials[1, :-1])
     activity[[0, last]] = potentials[1, [0, last + 1]]
-    closed = ~np.array([column.open_ends[0], *[True] * (last - 1), column.open_ends[1]])
+    closed = ~np.array([column.parts[0].open, *[True] * (last - 1), column.parts[1].open])
+    current = current_along(loads) / FARADAY
     if column.model.transports_ions:
-        fluxes = _ion_fluxes(column, stretch, activity, gradients, loads[CURRENT])
-        fluxes.fluxes[2, closed] = loads[CURRENT]
+        fluxes = _ion_fluxes(column, stretch, activity, gradients, current)
+        fluxes.fluxes[2, closed] = current
     else:
         state: Any = variables(stretch, activity, gradients[0])
         water = _water_flux(column, initial_ratio, loads, *state)
         slopes = np.array([[slope_of(water, k) + 0.0 * stretch for k in range(3)]])
         fluxes = FaceFluxes(value_of(water)[None], slopes[:, :2], slopes[:, 2:], np.zeros(last))
     fluxes.fluxes[:2, closed] = 0.0
+    for end, sign in enumerate(column.ends[1]):
+        if column.model.transports_ions and sign < 0.0:
+            fluxes.fluxes[1, end * last] = -current
     fluxes.by_state[..., closed] = 0.0
     fluxes.by_gradient[..., closed] = 0.0
     return fluxes
@@ -117,7 +128,7 @@ def _ion_fluxes(column: Column, stretch: Array, activity: Array, gradients: Arra
 
     Its gradient is an unknown of its own, but at the end where the current is given: there it is eliminated.
     """
-    tissue, grid, grounded = column.faces, column.grid, 0 if column.open_ends[0] else -1
+    tissue, grid, grounded = column.faces, column.grid, 0 if column.parts[0].open else -1
     state: Any = variables(stretch, activity, *gradients, np.zeros_like(stretch))
     J, log_a, by_mu, by_salt, by_psi = state
     cation, anion = ion_concentrations(tissue.osmotic, fixed_charge_density(tissue, J), log_a)
@@ -145,7 +156,7 @@ def _water_flux(column: Column, initial_ratio: Array, loads: Array, J: Any, log_
     tissue = column.faces
     k: Any = hydraulic_permeability(tissue, J)
     if column.model.open_circuit and column.open_circuit == "state":
-        activity = bath_log_activity(tissue.osmotic, loads[CONCENTRATION])
+        activity = bath_log_activity(tissue.osmotic, reference_concentration(loads, column.ends))
         ions = ion_concentrations(tissue.osmotic, fixed_charge_density(tissue, J), activity)
         return -k * open_circuit_ratio(tissue, J, *ions) * (gradient / J)
     return -k * initial_ratio * (gradient / J)

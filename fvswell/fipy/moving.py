@@ -106,7 +106,16 @@ class MovingBody(ABC):
 
     @cached_property
     def durations(self) -> list[float]:
-        """Durations of the phases, s."""
+        """Durations of the phases, s.
+
+        Raises
+        ------
+        SolverError
+            If a phase ends on a rate: that takes a run to find.
+        """
+        for phase in self.setup.case.phase:
+            if phase.until is not None:
+                raise SolverError(f"{self.setup.case.source}: phase {phase.name} ends on a rate: give its duration")
         return [float(phase.duration) for phase in self.setup.case.phase]
 
     def fields(self) -> dict[str, Array]:
@@ -177,7 +186,7 @@ class MovingColumn(MovingBody):
         return column_nodes(self.setup.column.grid, self.state.contents[0])[None]
 
     def _set_flow(self, made: _Made) -> None:
-        if self.setup.column.open_ends[1]:
+        if self.setup.column.parts[1].open:
             through = made.entered[0, 0] - np.concatenate([[0.0], np.cumsum(made.gained)])
         else:
             through = np.append(np.cumsum(made.gained[::-1])[::-1], 0.0)

@@ -56,9 +56,18 @@ class StockTerms:
         What is solved.
     initial_volume_ratio
         J of the equilibrated column, (cells,).
+
+    Raises
+    ------
+    ValueError
+        If the current follows from potentials: here it has to be given.
     """
 
     def __init__(self, column: Column, initial_volume_ratio: Array) -> None:
+        if column.current_is_found:
+            raise ValueError(
+                'stock terms cannot find a current from the potentials of both ends; use assembly = "fipy"'
+            )
         self.column, self.initial_ratio = column, column.open_circuit_ratio(initial_volume_ratio)
         self.widths, self.mesh = column.grid.widths, column_mesh(column.grid)
         self.ions = column.model.transports_ions
@@ -107,8 +116,11 @@ class StockTerms:
         # In this order no entry on the diagonal is zero.
         return coupled([*self.contents, *self.potentials[2:], *self.potentials[:2]])
 
-    def sweep(self, contents: Array, base: Array, duration: float, loads: Array, pressure_rise: float) -> Array:
-        """Contents after one sweep from given ones, the pressure risen above that of the loads."""
+    def sweep(
+        self, contents: Array, base: Array, duration: float, loads: Array, pressure_rise: float,
+        current_rise: float = 0.0,
+    ) -> Array:  # fmt: skip
+        """Contents after one sweep from given ones, the pressure risen above that of the loads; no current rises."""
         self.set_iterate(contents, base, loads, pressure_rise)
         self.equations.sweep(dt=duration, solver=direct_solver())
         values = np.array([variable.value for variable in self.contents])
@@ -126,7 +138,7 @@ class StockTerms:
         faces = face_fluxes(column, self.initial_ratio, contents, potentials, gradients, loads)
         if self.ions:
             psi = np.pad(faces.potential, 1, mode="edge")
-            psi[0 if column.open_ends[0] else -1] = 0.0
+            psi[0 if column.parts[0].open else -1] = 0.0
             gradients = np.vstack([gradients, np.diff(psi) / column.grid.metric[0]])
         for variable, value in zip(self.potentials, (*cells.values, faces.potential), strict=False):
             variable.setValue(value)
@@ -181,7 +193,7 @@ class StockTerms:
     def _constrained(self, variable: Any, end: int) -> Any:
         """The value that a potential has at an open end, as a variable; that of psi~ stays zero at the first."""
         value = Variable(0.0)
-        grounded = 0 if self.column.open_ends[0] else 1
-        if self.column.open_ends[end] and (variable.name != "psi~" or end == grounded):
+        grounded = 0 if self.column.parts[0].open else 1
+        if self.column.parts[end].open and (variable.name != "psi~" or end == grounded):
             variable.constrain(value, self.mesh.facesLeft if end == 0 else self.mesh.facesRight)
         return value

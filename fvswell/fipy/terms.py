@@ -96,11 +96,13 @@ def matrix_of(equation: Any, dt: float) -> Any:
 
 @kernel
 def call_balances(
-    evaluate: Any, cells: Any, faces: Any, metric: Any, contents: Any, loads: Any, open_ends: Any, fluxes: Any,
-    by_lower: Any, by_upper: Any, by_pressure: Any, potentials: Any,
+    evaluate: Any, cells: Any, faces: Any, metric: Any, contents: Any, loads: Any, ends: Any, fluxes: Any,
+    by_lower: Any, by_upper: Any, by_pressure: Any, by_current: Any, potentials: Any,
 ) -> None:  # fmt: skip
     """Call compiled balances from Python; the arguments are those of `fvswell.column.balances`."""
-    evaluate(cells, faces, metric, contents, loads, open_ends, fluxes, by_lower, by_upper, by_pressure, potentials)
+    evaluate(
+        cells, faces, metric, contents, loads, ends, fluxes, by_lower, by_upper, by_pressure, by_current, potentials
+    )
 
 
 def contents_variable(mesh: Any, contents: Array) -> Any:
@@ -118,13 +120,15 @@ class ColumnFluxTerm(LinearisedTerm):
     var
         Contents, see `contents_variable`.
     loads
-        Values of `fvswell.column.balances.COLUMN_LOADS`; may be changed between sweeps. The pressure has to be given.
+        Values of `fvswell.column.balances.COLUMN_LOADS`; may be changed between sweeps. Pressure and current have to
+        be given.
     """
 
     def __init__(self, body: ColumnBody, var: Any, loads: Array) -> None:
         super().__init__(var)
         self.body, self.loads = body, loads
         self.pressure_rise = 0.0  # MPa, of the linearised fluxes above those at the loads
+        self.current_rise = 0.0  # A/mm2, the same, of a column that finds its current
 
     def linearise(self, values: Array, dt: float | None) -> Linearisation:
         """Outflow and its derivatives at contents."""
@@ -132,12 +136,13 @@ class ColumnFluxTerm(LinearisedTerm):
         balances, n = values.shape
         call_balances(
             body.evaluate, body.cells, body.faces, body.metric, np.ascontiguousarray(values), self.loads,
-            body.open_ends, body.fluxes, body.by_lower, body.by_upper, body.by_pressure, body.potentials,
+            body.ends, body.fluxes, body.by_lower, body.by_upper, body.by_pressure, body.by_current, body.potentials,
         )  # fmt: skip
-        through = body.fluxes[:balances].copy()
-        through[:, [0, n]] += self.pressure_rise * body.by_pressure
-        diagonal = body.by_lower[:, :, 1:] - body.by_upper[:, :, :-1]
-        blocks = ((diagonal, 0, 0), (-body.by_lower[:, :, 1:n], 1, 0), (body.by_upper[:, :, 1:n], 0, 1))
+        through = body.fluxes[:balances] + self.current_rise * body.by_current[:balances]
+        through[:, [0, n]] += self.pressure_rise * body.by_pressure[:balances]
+        by_lower, by_upper = body.by_lower[:balances], body.by_upper[:balances]
+        diagonal = by_lower[:, :, 1:] - by_upper[:, :, :-1]
+        blocks = ((diagonal, 0, 0), (-by_lower[:, :, 1:n], 1, 0), (by_upper[:, :, 1:n], 0, 1))
         entries, rows, columns = [], [], []
         for block, row, column in blocks:
             balance, unknown, cell = np.indices(block.shape)

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from fvswell.case.case import Case
-from fvswell.case.values import Ramp
+from fvswell.case.loads import settled
 from fvswell.fitting.fit import FitResult
 from fvswell.fitting.measurement import Measurement
 from fvswell.physics.tissue import Array
@@ -62,7 +62,7 @@ def _relaxations(measurement: Measurement, durations: tuple[float, ...]) -> list
     found = []
     for phase, (start, end) in zip(measurement.case.phase, pairwise(np.cumsum([0.0, *durations])), strict=True):
         ramps = [load for name, load in phase.loads().items() if name.endswith(".displacement")]
-        held = any(isinstance(load, Ramp) and load.over < end - start for load in ramps)
+        held = any(0.0 < settled(load) < end - start for load in ramps)
         at = np.flatnonzero((measurement.times >= start) & (measurement.times <= end))
         if held and len(at) >= _FEWEST:
             found.append((phase.name, at))

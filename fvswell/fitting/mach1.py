@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fvswell.case.errors import CaseError, Problem
-from fvswell.fitting.data import DataFile, numbers_of, refuse, split_heading
+from fvswell.fitting.data_file import DataFile, numbers_of, refuse, split_heading
 
 __all__ = ["is_mach1", "read_mach1"]
 

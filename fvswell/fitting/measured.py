@@ -10,11 +10,10 @@ import numpy as np
 from fvswell.case.case import Case
 from fvswell.case.errors import CaseError, Problem, nearest_name, shown
 from fvswell.errors import SolverError
-from fvswell.fitting.data import DataFile
-from fvswell.fitting.measurement import Measurement, history_dimension, history_unit
+from fvswell.fitting.data_file import DataFile
+from fvswell.fitting.measurement import Measurement, histories_of, history_dimension, history_unit
 from fvswell.fitting.schema import MeasurementTable
 from fvswell.physics.tissue import Array
-from fvswell.results.fields import FIELDS
 from fvswell.results.layout import SAME_TIME
 from fvswell.simulation.relaxation import phase_durations
 from fvswell.units import DIMENSIONS, PLAIN_NUMBER, QuantityError, number_or_text, parse
@@ -64,7 +63,7 @@ class _Reading:
         time, value = (self._column(key) for key in ("time", "value"))
         phases = self._phases()
         seconds = self._factor("time_unit", time, "time") if time is not None else None
-        factor = self._factor("unit", value, history_dimension(quantity)) if value is not None and quantity else None
+        factor = self._factor("unit", value, self._dimension(quantity)) if value is not None and quantity else None
         if self.problems or time is None or value is None or seconds is None or factor is None or quantity is None:
             return None
         times = self.data.columns[time] * seconds - table.start
@@ -90,13 +89,16 @@ class _Reading:
 
     def _quantity(self) -> str | None:
         name = self.table.quantity
-        known = [other for other, field in FIELDS.items() if field.location == "global"]
-        if name in known and history_dimension(name) is not None:
+        known = histories_of(self.case)
+        if name in known:
             return name
         near = nearest_name(name, known)
         hint = f"did you mean {near}?" if near else "see the histories of a result by fvswell info"
         self._report("quantity", shown(name), f"is no history of a result; {hint}")
         return None
+
+    def _dimension(self, quantity: str) -> str:
+        return history_dimension(histories_of(self.case)[quantity].units)
 
     def _column(self, key: str) -> str | None:
         name = getattr(self.table, key)
@@ -108,9 +110,8 @@ class _Reading:
             self._report(key, shown(name), str(error))
             return None
 
-    def _factor(self, key: str, column: str, dimension: str | None) -> float | None:
+    def _factor(self, key: str, column: str, dimension: str) -> float | None:
         """From the unit of a column to the internal one."""
-        assert dimension is not None
         given: str | None = getattr(self.table, key)
         unit = self.data.units[column] if given is None else given
         from_result = self.data.source.endswith(".nc")
@@ -171,9 +172,9 @@ class _Reading:
             if isinstance(given, str) and given.strip().endswith("%"):
                 noise = parse(given, PLAIN_NUMBER) * float(np.ptp(values))
             else:
-                noise = parse(number_or_text(given), history_dimension(quantity) or PLAIN_NUMBER)
+                noise = parse(number_or_text(given), self._dimension(quantity))
             if not noise > 0.0:
-                raise ValueError(f"must be above 0 {history_unit(quantity)}".strip())
+                raise ValueError(f"must be above 0 {history_unit(histories_of(self.case)[quantity].units)}".strip())
         except ValueError as error:
             self._report("noise", shown(given), str(error))
             return None

@@ -9,13 +9,13 @@ import numpy as np
 
 from fvswell.case.case import Case
 from fvswell.physics.tissue import Array
-from fvswell.results.fields import FIELDS
+from fvswell.results.fields import FIELDS, Field, part_fields
 
-__all__ = ["Measurement", "history_dimension", "history_unit"]
+__all__ = ["Measurement", "histories_of", "history_dimension", "history_unit"]
 
 _DIMENSIONS = {  # dimension of `fvswell.units` by the unit of a history
     "1": "plain number", "mm": "length", "N": "force", "N mm-2": "pressure", "mmol mm-3": "concentration",
-    "mV": "electric potential",
+    "mV": "electric potential", "A": "electric current", "A mm-2": "current density",
 }  # fmt: skip
 
 
@@ -56,14 +56,26 @@ class Measurement:
         return len(self.times)
 
     @property
+    def units(self) -> str:
+        """Unit of the values, as results have it."""
+        return histories_of(self.case)[self.quantity].units
+
+    @property
     def size(self) -> float:
         """How much the values vary: largest less smallest, or the largest in magnitude where they do not."""
         return float(np.ptp(self.values)) or float(np.abs(self.values).max()) or 1.0
 
 
-def history_unit(quantity: str) -> str:
+def histories_of(case: Case) -> dict[str, Field]:
+    """Histories that results of a case may have, and that can be measured."""
+    table = {name: each for name, each in FIELDS.items() if each.location == "global"}
+    parts = part_fields([part.name for part in case.parts], case.geometry.kind == "column")
+    return {name: each for name, each in (table | parts).items() if each.units in _DIMENSIONS}
+
+
+def history_unit(units: str) -> str:
     """Unit of a history as people write it: "N/mm^2" for "N mm-2"; "" for a plain number."""
-    parts = FIELDS[quantity].units.split()
+    parts = units.split()
     if parts == ["1"]:
         return ""
     split = [re.fullmatch(r"([A-Za-z]+)(-?\d+)?", part) for part in parts]
@@ -73,9 +85,9 @@ def history_unit(quantity: str) -> str:
     return f"{above}/({below})" if " " in below else f"{above}/{below}" if below else above
 
 
-def history_dimension(quantity: str) -> str | None:
-    """Name of the dimension of a history in `fvswell.units`, None if it has none there."""
-    return _DIMENSIONS.get(FIELDS[quantity].units)
+def history_dimension(units: str) -> str:
+    """Name in `fvswell.units` of the dimension of a history that can be measured."""
+    return _DIMENSIONS[units]
 
 
 def _power(name: str, power: int) -> str:

@@ -14,7 +14,6 @@ from fvswell.errors import OutputError
 from fvswell.fitting.fit import FitResult
 from fvswell.fitting.measurement import history_unit
 from fvswell.fitting.model_comparison import ModelFit
-from fvswell.results.fields import FIELDS
 from fvswell.results.part_file import PartFile
 from fvswell.results.provenance import provenance
 from fvswell.results.table import write_table
@@ -70,7 +69,7 @@ def summary(result: FitResult, models: tuple[ModelFit, ...] = ()) -> dict[str, A
     rows = [dict(zip(_PARAMETER_HEADER, row, strict=True)) for row in parameter_rows(result)]
     measurements = [
         {
-            "name": measurement.name, "quantity": measurement.quantity, "unit": history_unit(measurement.quantity),
+            "name": measurement.name, "quantity": measurement.quantity, "unit": history_unit(measurement.units),
             "points": len(measurement), "noise": level, "noise_given": measurement.noise is not None,
             "weight": measurement.weight, "source": measurement.source, "runs": test.runs,
             "expected_runs": test.expected_runs, "probability_of_so_few_runs": test.probability,
@@ -140,7 +139,7 @@ def _curve_rows(result: FitResult) -> Iterator[list[Any]]:
     best = result.best
     for measurement, span in zip(result.problem.measurements, result.problem.spans, strict=True):
         curve = best.curves[span.points]
-        unit = FIELDS[measurement.quantity].units
+        unit = measurement.units
         for at, value, simulated in zip(measurement.times, measurement.values, curve, strict=True):
             yield [measurement.name, measurement.quantity, unit, at, value, simulated, value - simulated]
 

@@ -1,7 +1,7 @@
 """The time integrator: one for columns, which run it compiled, and blocks, which run it in Python.
 
     until the protocol is over:
-        enter the next segment: where a load jumps or turns, start anew with a small step
+        enter the next segment: where a load jumps, start anew with a small step
         step = min(step size, end of the segment - time)
         solve the stages of the scheme
         a step that fails, or misses the tolerance: a smaller one, again
@@ -26,6 +26,7 @@ import numpy as np
 
 from fvswell.compiled import point
 from fvswell.numerics.body import admissible, complete_loads, find_rate, find_unknowns, global_strain, solve_stage
+from fvswell.numerics.loads import STRAIN
 from fvswell.numerics.state import (
     COMPLETE,
     ELAPSED,
@@ -74,6 +75,8 @@ _STEP_SHARE = 0.2
 _NEWTON_SHARE = 0.1  # of the tolerance that the Newton iterations of a stage may leave
 _FIRST_CHANGE = 3.0  # of the tolerance that contents change by at the rate at which a step from a jump starts
 _SHORTEN, _SAFETY = 0.2, 0.9
+_SPAN = 0.002  # of a step: half the time over which a rate is measured
+_SHARPNESS = 1e-5  # of a step: how sharply the time is found at which it has fallen
 
 
 @point
@@ -125,6 +128,20 @@ def _attempt(body: Any, protocol: Any, control: Any, state: Any, work: Any, size
 
 
 @point
+def _set_within(body: Any, protocol: Any, control: Any, state: Any, work: Any, size: Any, share: Any) -> Any:
+    """Set unknowns, contents (``work.base``) and loads to those at a part of a step that has been solved."""
+    segment, time = state.counts[SEGMENT], state.clock[TIME] + share * size
+    set_dense(control, state, work, size, share)
+    set_loads(protocol, segment, time, state.phase_loads, work.loads)
+    set_slopes(protocol, segment, time, state.phase_loads, work.slopes)
+    duration = control.coefficients[len(work.rates) - 1, len(work.rates) - 1] * size
+    find_unknowns(
+        body, work.unknowns, work.base, work.rate, work.loads, work.slopes, duration, state.clock, work.report
+    )  # fmt: skip
+    complete_loads(body, work.unknowns, work.base, work.loads)
+
+
+@point
 def _record_outputs(body: Any, protocol: Any, control: Any, state: Any, work: Any, record: Any, size: Any) -> Any:
     """Record the outputs that lie within a step that has been solved, and is kept afterwards."""
     clock, counts = state.clock, state.counts
@@ -135,13 +152,7 @@ def _record_outputs(body: Any, protocol: Any, control: Any, state: Any, work: An
             return
         if due >= size - slack:
             return  # the end of the step itself
-        set_dense(control, state, work, size, due / size)
-        time = clock[TIME] + due
-        set_loads(protocol, counts[SEGMENT], time, state.phase_loads, work.loads)
-        set_slopes(protocol, counts[SEGMENT], time, state.phase_loads, work.slopes)
-        duration = control.coefficients[len(work.rates) - 1, len(work.rates) - 1] * size
-        find_unknowns(body, work.unknowns, work.base, work.rate, work.loads, work.slopes, duration, clock, work.report)
-        complete_loads(body, work.unknowns, work.base, work.loads)
+        _set_within(body, protocol, control, state, work, size, due / size)
         write_output(
             record, state, clock[ELAPSED] + due, counts[PHASE], work.unknowns, work.base, work.loads, work.dense
         )
@@ -170,6 +181,77 @@ def _relaxes(body: Any, protocol: Any, control: Any, state: Any, work: Any, size
     protocol.multiple[phase] = np.nan
     protocol.end[state.counts[SEGMENT]] = duration
     return duration < clock[TIME] + size or phase == protocol.last_phase
+
+
+@point
+def _is_last(protocol: Any, segment: Any) -> Any:
+    """Whether a segment is the last one of its phase."""
+    return segment == len(protocol.end) - 1 or protocol.phase[segment + 1] != protocol.phase[segment]
+
+
+@point
+def _enter_next(protocol: Any, state: Any) -> Any:
+    """Leave a segment at its end."""
+    clock, counts = state.clock, state.counts
+    segment = counts[SEGMENT]
+    ends_phase = _is_last(protocol, segment)
+    if segment == len(protocol.end) - 1 or (ends_phase and counts[PHASE] == protocol.last_phase):
+        counts[STATUS] = COMPLETE
+    else:
+        counts[SEGMENT] = segment + 1
+        counts[ENTER] = 1
+        if ends_phase:
+            clock[TIME] = 0.0
+
+
+@point
+def _measured(body: Any, protocol: Any, control: Any, state: Any, work: Any, size: Any, share: Any) -> Any:
+    """What the end of the phase depends on, at a part of a step that has been solved."""
+    _set_within(body, protocol, control, state, work, size, share)
+    index = protocol.measured[state.counts[PHASE]]
+    if index == STRAIN:
+        return global_strain(body, work.unknowns, work.base)
+    return work.loads[index]
+
+
+@point
+def _is_slow(body: Any, protocol: Any, control: Any, state: Any, work: Any, size: Any, share: Any) -> Any:
+    """Whether what is measured changes more slowly, about a part of a step, than where the phase ends."""
+    low = max(share - _SPAN, 0.0)
+    before = _measured(body, protocol, control, state, work, size, low)
+    after = _measured(body, protocol, control, state, work, size, low + 2.0 * _SPAN)
+    return abs(after - before) < protocol.until[state.counts[PHASE]] * 2.0 * _SPAN * size
+
+
+@point
+def _settles(body: Any, protocol: Any, control: Any, state: Any, work: Any, size: Any) -> Any:
+    """Whether the phase, which ends on a rate once its loads are constant, is over within this step."""
+    clock, counts = state.clock, state.counts
+    phase, segment = counts[PHASE], counts[SEGMENT]
+    if not _is_last(protocol, segment):
+        return False
+    iterations, update = work.report[ITERATIONS], work.report[UPDATE]
+    settled = _is_slow(body, protocol, control, state, work, size, 1.0)
+    if settled:
+        low, high = 0.0, 1.0
+        if _is_slow(body, protocol, control, state, work, size, 0.0):
+            high = 0.0
+        while high - low > _SHARPNESS:
+            middle = 0.5 * (low + high)
+            if _is_slow(body, protocol, control, state, work, size, middle):
+                high = middle
+            else:
+                low = middle
+        duration = clock[TIME] + high * size
+        protocol.duration[phase] = duration
+        protocol.until[phase] = np.nan
+        protocol.end[segment] = duration
+        if phase == protocol.last_phase or duration == 0.0:
+            counts[STATUS] = COMPLETE
+        elif duration == clock[TIME]:
+            _enter_next(protocol, state)
+    work.report[ITERATIONS], work.report[UPDATE] = iterations, update
+    return settled
 
 
 @point
@@ -209,7 +291,7 @@ def _keep_step(
     record.steps[index, 0], record.steps[index, 1] = clock[ELAPSED], size
     record.steps[index, 2], record.steps[index, 3] = iterations, update
     record.filled[1] = index + 1
-    ends_phase = ends_segment and (segment == len(protocol.end) - 1 or protocol.phase[segment + 1] != counts[PHASE])
+    ends_phase = ends_segment and _is_last(protocol, segment)
     due = control.every > 0 and (counts[STEP] % control.every == 0 or ends_phase)
     if control.every == 0 and counts[OUTPUT] < len(protocol.output_times):
         gap = abs(protocol.output_times[counts[OUTPUT]] - clock[ELAPSED])
@@ -221,13 +303,7 @@ def _keep_step(
             record, state, clock[ELAPSED], counts[PHASE], state.unknowns, state.contents, state.loads, state.crossed
         )
     if ends_segment:
-        if segment == len(protocol.end) - 1 or (ends_phase and counts[PHASE] == protocol.last_phase):
-            counts[STATUS] = COMPLETE
-        else:
-            counts[SEGMENT] = segment + 1
-            counts[ENTER] = 1
-            if ends_phase:
-                clock[TIME] = 0.0
+        _enter_next(protocol, state)
 
 
 @point
@@ -251,14 +327,18 @@ def march(body: Any, volumes: Any, scale: Any, protocol: Any, control: Any, stat
             return
         if counts[ENTER] == 1:
             enter_segment(protocol, control, state, work)
-            if control.error_order > 0 and counts[RATE_KNOWN] == 0 and _start_rate(body, protocol, state, work):
+            known = counts[RATE_KNOWN] == 1 or (control.error_order > 0 and _start_rate(body, protocol, state, work))
+            if known and counts[RESTARTED] == 1:
                 change = _FIRST_CHANGE * control.tolerance * max(clock[LARGEST], control.expected_strain)
                 clock[SIZE] = min(clock[SIZE], change / mean_rate(state, volumes, scale))
+            counts[RESTARTED] = 0
             if clock[TIME] == 0.0:
                 clock[START_STRAIN] = global_strain(body, state.unknowns, state.contents)
         target = next_target(protocol, control, state)
         ahead = target - clock[TIME]
         size = min(min(clock[SIZE], control.max_step), ahead)
+        if control.error_order > 0:
+            size = min(size, protocol.longest_step[counts[SEGMENT]])
         if 0.5 * ahead < size < ahead:
             size = 0.5 * ahead  # no sliver before a target
         hits = size == ahead
@@ -275,12 +355,12 @@ def march(body: Any, volumes: Any, scale: Any, protocol: Any, control: Any, stat
                 if counts[PHASE] == protocol.last_phase:
                     counts[STATUS] = COMPLETE
                 continue  # the step leads beyond the end that has been found
+            if not np.isnan(protocol.until[counts[PHASE]]) and _settles(body, protocol, control, state, work, size):
+                continue
             time = target if hits else clock[TIME] + size
             ends_segment = hits and target == protocol.end[counts[SEGMENT]]
-            was_restarted = counts[RESTARTED] == 1
-            counts[RESTARTED] = 0
             _keep_step(body, volumes, protocol, control, state, work, record, size, time, ends_segment)
-            resize(control, state, size, error, was_restarted)
+            resize(control, state, size, error)
         else:
             if size < _SMALLEST_STEP * ahead:
                 counts[STATUS] = FAILED

@@ -36,7 +36,7 @@ class Control(NamedTuple):
     tolerance: float  # of the global strain, relative to its largest value; without error control, of Newton
     expected_strain: float  # that the tolerance is relative to as long as no larger one has been seen
     max_step: float  # s
-    first_step: float  # s, where loads jump or turn
+    first_step: float  # s, where loads jump
     fixed_steps: int  # equal steps in a phase; 0: chosen by the error
     every: int  # record each of so many steps; 0: at the output times of the protocol
 
@@ -83,6 +83,7 @@ class Workspace(NamedTuple):
     unknowns: Any  # (unknowns,)
     loads: Any  # (loads,)
     slopes: Any  # (loads,)
+    extents: Any  # (loads,)
     rate: Any  # (balances, cells)
     crossing: Any  # (parts, 3)
     dense: Any  # (parts, 3)
@@ -119,6 +120,6 @@ def workspace(state: State, stages: int) -> Workspace:
     return Workspace(
         np.zeros((stages, *contents.shape)), np.zeros((stages, parts, 3)), np.zeros((stages, len(unknowns))),
         np.zeros_like(contents), np.zeros_like(contents), np.zeros_like(unknowns), np.zeros_like(loads),
-        np.zeros_like(loads), np.zeros_like(contents), np.zeros((parts, 3)), np.zeros((parts, 3)), np.zeros(6),
-        np.zeros(stages + 2),
+        np.zeros_like(loads), np.zeros_like(loads), np.zeros_like(contents), np.zeros((parts, 3)), np.zeros((parts, 3)),
+        np.zeros(6), np.zeros(stages + 2),
     )  # fmt: skip

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from fvswell.compiled import point
-from fvswell.numerics.loads import load_slope, load_value
+from fvswell.numerics.loads import START, TARGET, load_slope, load_value
 from fvswell.numerics.state import (
     ELAPSED,
     ENTER,
@@ -31,6 +31,9 @@ __all__ = [
 ]  # fmt: skip
 
 _ROUNDING_SCALE = 1e-4  # of the content: where nothing crosses, rounding is relative to this
+# where a load turns, the next step is so short that the load strays in it from its former way by at most this many
+# times the tolerance, of its extent
+_TURN = 50.0
 _SHORTEN, _LENGTHEN, _SAFETY = 0.2, 5.0, 0.9
 
 
@@ -60,41 +63,63 @@ def set_slopes(protocol: Any, segment: Any, time: Any, phase_loads: Any, slopes:
 
 
 @point
+def _extent(protocol: Any, segment: Any, load: Any, phase_loads: Any) -> Any:
+    """How far a load goes: in a segment, or in the whole protocol where that is more."""
+    start, target = protocol.table[segment, load, START], protocol.table[segment, load, TARGET]
+    if np.isnan(start):
+        start = phase_loads[load]
+    return max(protocol.extent[load], abs(target - start))
+
+
+@point
 def enter_segment(protocol: Any, control: Any, state: Any, work: Any) -> Any:
-    """Where loads jump or turn, the past is no guide: start with a small step, from a rate that has to be found."""
+    """Begin a segment. Where loads jump, the past is no guide: start with a small step, from a rate to be found.
+
+    Where a load only turns, the step size is kept, as far as what the load then misses of its former way is small; and
+    where the rates depend on its slope they are found anew.
+    """
     clock, counts = state.clock, state.counts
     segment = counts[SEGMENT]
     first = segment == 0 or protocol.phase[segment] != protocol.phase[segment - 1]
     time = clock[TIME]
-    turns, jumps = segment == 0, segment == 0
+    jumps, turn = segment == 0, 0.0
+    extents = work.extents
     if segment > 0:
         before = time
         if first:
             before = clock[ELAPSED] - protocol.phase_start[protocol.phase[segment - 1]]
         set_slopes(protocol, segment - 1, before, state.phase_loads, work.slopes)
+        for i in range(len(extents)):
+            extents[i] = _extent(protocol, segment - 1, i, state.phase_loads)
     if first:
         counts[PHASE] = protocol.phase[segment]
         copy(state.loads, state.phase_loads)
         protocol.phase_start[counts[PHASE]] = clock[ELAPSED]
     for i in range(len(state.loads)):
         value = load_value(protocol.table, segment, i, time, state.phase_loads)
-        slope = load_slope(protocol.table, segment, i, time, state.phase_loads)
         if segment > 0:
             driven = not np.isnan(load_value(protocol.table, segment - 1, i, 0.0, state.phase_loads))
             if driven == np.isnan(value):
                 jumps = True
-        if not np.isnan(value):
-            if abs(value - state.loads[i]) > 1e-12 * max(abs(value), abs(state.loads[i])):
-                jumps = True
-            if segment > 0 and abs(slope - work.slopes[i]) > 1e-9 * max(abs(slope), abs(work.slopes[i])):
-                turns = True
-    if jumps or turns:
+        if np.isnan(value) or segment == 0:
+            continue
+        extent = max(extents[i], _extent(protocol, segment, i, state.phase_loads))
+        if abs(value - state.loads[i]) > 1e-12 * max(max(abs(value), abs(state.loads[i])), extent):
+            jumps = True
+        slope = load_slope(protocol.table, segment, i, time, state.phase_loads)
+        change = abs(slope - work.slopes[i])
+        if change > 1e-9 * max(abs(slope), abs(work.slopes[i])):
+            turn = max(turn, change / extent)
+            if protocol.slope_matters[i]:
+                counts[RATE_KNOWN] = 0
+    if jumps:
         counts[RATE_KNOWN] = 0
         counts[RESTARTED] = 1
         clock[SIZE] = control.first_step if control.error_order > 0 else np.inf
-    if jumps:
         clock[NEAR] = np.nan
         clock[FAR] = np.nan
+    elif turn > 0.0 and control.error_order > 0:
+        clock[SIZE] = min(clock[SIZE], _TURN * control.tolerance / turn)
     counts[ENTER] = 0
 
 
@@ -310,7 +335,7 @@ def set_dense(control: Any, state: Any, work: Any, size: Any, share: Any) -> Any
 
 
 @point
-def resize(control: Any, state: Any, size: Any, error: Any, was_restarted: Any) -> Any:
+def resize(control: Any, state: Any, size: Any, error: Any) -> Any:
     """Choose the size of the step after one that was kept."""
     clock = state.clock
     if control.error_order == 0:
@@ -321,5 +346,4 @@ def resize(control: Any, state: Any, size: Any, error: Any, was_restarted: Any) 
         wanted = _LENGTHEN * size
     if size < clock[SIZE]:  # cut short by a time that had to be hit, which says nothing of the error
         wanted = max(wanted, clock[SIZE])
-    if state.counts[RESTARTED] == 0 or was_restarted:
-        clock[SIZE] = wanted
+    clock[SIZE] = wanted

@@ -11,17 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from fvswell.physics.differentiation import COMPLEX_STEP
+from fvswell.physics.bracketed_root import bracketed_root
 from fvswell.physics.osmotic import osmotic_pressure_difference
 from fvswell.physics.solids import isotropic_stress, uniaxial_stress
 from fvswell.physics.tissue import Array, Tissue
 
 __all__ = ["equilibrium_volume_ratio", "isotropic_equilibrium_volume_ratio"]
 
-_CONVERGED_STEP = 1e-9  # of ln(volume of water); Newton is quadratic, so the step taken last leaves 1e-18
 _LEAST_WATER, _MOST_WATER = 1e-12, 1e6  # of the water in the stress-free solid: beyond them there is no root
-_LONGEST_STEP = 1.0
-_MAX_ITERATIONS = 100
 
 
 def equilibrium_volume_ratio(
@@ -61,8 +58,7 @@ def _root(
 ) -> Array:
     """Solve stress + P - (pi - pi_bath) = 0 by a Newton method in u = ln(J - 1 + n_f0), kept in a bracket.
 
-    In u the osmotic pressure is about an exponential, on which Newton's steps stay short, and J > 1 - n_f0. A point
-    that has converged is left as it is, so that it does not depend on the others.
+    In u the osmotic pressure is about an exponential, on which Newton's steps stay short, and J > 1 - n_f0.
     """
     fluid_fraction = np.asarray(tissue.fluid_fraction)
     pressure, bath = np.asarray(applied_pressure), np.asarray(bath_concentration)
@@ -76,18 +72,8 @@ def _root(
     # stiff laws overflow far from the root
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         none = ~(residual(water + np.log(_LEAST_WATER)) < 0.0)
-        low = np.broadcast_to(water + np.log(_LEAST_WATER), none.shape).copy()
-        high = np.broadcast_to(water + np.log(_MOST_WATER), none.shape).copy()
-        u = np.broadcast_to(water, none.shape)
-        done = none.copy()
-        for _ in range(_MAX_ITERATIONS):
-            f = residual(u + 1j * COMPLEX_STEP)
-            low, high = np.where(f.real < 0.0, u, low), np.where(f.real > 0.0, u, high)
-            step = np.clip(-f.real * COMPLEX_STEP / f.imag, -_LONGEST_STEP, _LONGEST_STEP)
-            target = u + step
-            bracketed = (target >= low) & (target <= high)  # false for nan as well
-            u, previous = np.where(done, u, np.where(bracketed, target, 0.5 * (low + high))), u
-            done |= np.abs(u - previous) <= _CONVERGED_STEP
-            if np.all(done):
-                break
-    return np.where(none | ~done, np.nan, 1.0 - fluid_fraction + np.exp(u))
+        low, high, start = (
+            np.broadcast_to(water + np.log(share), none.shape) for share in (_LEAST_WATER, _MOST_WATER, 1.0)
+        )
+        u = bracketed_root(residual, start, low, high, none)
+    return 1.0 - fluid_fraction + np.exp(u)

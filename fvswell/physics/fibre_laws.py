@@ -14,7 +14,7 @@ from fvswell.compiled import anywhere, generic, point
 
 __all__ = ["FIBRE_LAWS", "LogarithmicFibres", "PowerFibres", "fibre_tension", "tension_over_directions"]
 
-_MOST_TERMS = 400
+_MOST_TERMS = 2000  # z^k/k! of any z whose exponential is a float
 
 
 def _gauss_of_squares(points: int) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -22,6 +22,7 @@ from fvswell.physics.tissue import convection_factor, fluid_fraction
 __all__ = [
     "IonFluxParts",
     "MixtureFluxes",
+    "fluxes_of_unit_current",
     "ion_flux_parts",
     "mixture_fluxes",
     "potential_gradient_of_current",
@@ -100,10 +101,33 @@ def potential_gradient_of_current(
     at_zero = mixture_fluxes(
         tissue, J, cation, anion, water_potential_gradient, log_activity_gradient, 0.0 * log_activity_gradient
     )
+    return (at_zero.cation - at_zero.anion - current) / _conductance(tissue, J, cation, anion)
+
+
+@point
+def fluxes_of_unit_current(tissue: Any, J: Any, cation: Any, anion: Any) -> Any:
+    """Fluxes by a current, with the other two gradients as they are, and the resistance to it.
+
+    Parameters
+    ----------
+    tissue, J, cation, anion
+        As in `mixture_fluxes`.
+
+    Returns
+    -------
+    tuple
+        The derivatives of the fluxes by the current j+ - j-, and the fall of F psi~/(R T) per length (1/mm) by it.
+    """
+    resistance = 1.0 / _conductance(tissue, J, cation, anion)
+    return mixture_fluxes(tissue, J, cation, anion, 0.0, 0.0, -resistance), resistance
+
+
+@point
+def _conductance(tissue: Any, J: Any, cation: Any, anion: Any) -> Any:
+    """Current j+ - j- by the fall of F psi~/(R T) per length: of the ions themselves, and of those that water drags."""
     dragged = convection_factor(tissue) * (cation - anion)
     conductance = fluid_fraction(tissue, J) * (tissue.cation_diffusivity * cation + tissue.anion_diffusivity * anion)
-    streaming = hydraulic_permeability(tissue, J) * tissue.thermal_energy * (dragged * dragged)
-    return (at_zero.cation - at_zero.anion - current) / (conductance + streaming)
+    return conductance + hydraulic_permeability(tissue, J) * tissue.thermal_energy * (dragged * dragged)
 
 
 @point

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from fvswell.physics.differentiation import COMPLEX_STEP
+from fvswell.physics.bracketed_root import bracketed_root
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.osmotic import ChargeDependentCoefficients, osmotic_pressure_difference
 from fvswell.physics.permeability import permeability
@@ -23,8 +23,6 @@ from fvswell.physics.tissue import Array, Tissue, fixed_charge_density, fluid_fr
 
 __all__ = ["equilibrated_tissue", "stress_free_at", "stress_free_tissue"]
 
-_MAX_ITERATIONS = 100
-_CONVERGED_STEP = 1e-9  # Newton is quadratic, so the step taken last leaves 1e-18
 _LEAST = 1e-6  # volume ratio that no sample comes near
 
 
@@ -66,19 +64,10 @@ def stress_free_tissue(measured: Tissue, bath_concentration: Array | float) -> t
 
     most = 1.0 / (1.0 - np.asarray(measured.fluid_fraction))  # the solid alone
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        none = ~((mismatch(_LEAST * most) < 0.0) & (mismatch((1.0 - 1e-12) * most) > 0.0))
-        low, high = (np.broadcast_to(limit, none.shape).copy() for limit in (_LEAST * most, most))
-        J, done = np.broadcast_to(1.0, none.shape), none.copy()
-        for _ in range(_MAX_ITERATIONS):
-            f = mismatch(J + 1j * COMPLEX_STEP)
-            low, high = np.where(f.real < 0.0, J, low), np.where(f.real > 0.0, J, high)
-            target = J - f.real * COMPLEX_STEP / f.imag
-            bracketed = (target >= low) & (target <= high)  # false for nan as well
-            J, previous = np.where(done, J, np.where(bracketed, target, 0.5 * (low + high))), J
-            done |= np.abs(J - previous) <= _CONVERGED_STEP * J
-            if np.all(done):
-                break
-    J = np.where(none | ~done, np.nan, J)
+        # fibres that overflow (nan) hold any swelling
+        none = ~(mismatch(_LEAST * most) < 0.0) | (mismatch((1.0 - 1e-12) * most) < 0.0)
+        low, high, start = (np.broadcast_to(J, none.shape) for J in (_LEAST * most, most, 1.0))
+        J = bracketed_root(mismatch, start, low, high, none)
     return stress_free_at(measured, J), J
 
 

@@ -6,10 +6,11 @@ every set says what that is.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["TISSUES", "TissueSet"]
+__all__ = ["TISSUES", "TissueSet", "TissueSets"]
 
 _SALT = {"cation_diffusivity": 5e-4, "anion_diffusivity": 8e-4}
 _SALT_ASSUMED = "diffusivities of the ions as in Wilson et al. (2005)"
@@ -44,6 +45,37 @@ class TissueSet:
     properties: dict[str, Any]
     fibres: tuple[dict[str, Any], ...] = ()
 
+    def __str__(self) -> str:
+        """The set for people to read."""
+        numbers = [f"  {key} = {value}" for key, value in self.properties.items()]
+        families = [
+            f"  fibres: {', '.join(f'{key} = {value}' for key, value in family.items())}" for family in self.fibres
+        ]
+        return "\n".join([self.title, *numbers, *families, f"Source: {self.source}", f"Assumed: {self.assumed}"])
+
+
+class TissueSets(Mapping[str, TissueSet]):
+    """Sets of properties by name, such as ``tissues["reference-cartilage"]``."""
+
+    def __init__(self, sets: dict[str, TissueSet]) -> None:
+        self._sets = sets
+
+    def __getitem__(self, name: str) -> TissueSet:
+        """The set of that name."""
+        return self._sets[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Names of the sets."""
+        return iter(self._sets)
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self._sets)
+
+    def __repr__(self) -> str:
+        """Names and titles, one in a line."""
+        return "\n".join(f"{name}: {chosen.title}" for name, chosen in self._sets.items())
+
 
 def _disc(title: str, shear_modulus: float, water: float, charge: float) -> TissueSet:
     """A part of the intervertebral disc; ``water`` is its fraction of the mass."""
@@ -58,7 +90,7 @@ def _disc(title: str, shear_modulus: float, water: float, charge: float) -> Tiss
     )  # fmt: skip
 
 
-TISSUES: dict[str, TissueSet] = {
+TISSUES = TissueSets({
     "reference-cartilage": TissueSet(
         "Cartilage, the reference set of the paper",
         "Wilson, van Donkelaar & Huyghe (2005), J. Biomech. Eng. 127, 158-165, Table 1",
@@ -103,4 +135,4 @@ TISSUES: dict[str, TissueSet] = {
             **_SALT,
         },
     ),
-}  # fmt: skip
+})  # fmt: skip

@@ -13,8 +13,9 @@ from fvswell.case.case import Case, CaseError
 from fvswell.case.column_checks import piston_pressure
 from fvswell.case.errors import Problem, shown
 from fvswell.case.geometry import ColumnGeometry
+from fvswell.case.loads import Ramp, Shape, Sine, TableLoad, final_value, shape_of
 from fvswell.case.reference_state import stress_free
-from fvswell.case.values import Ramp, RelaxationTimes, final_value
+from fvswell.case.values import RelaxationTimes
 from fvswell.column.grid import ColumnGrid, column_grid
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.models import ELECTROCHEMICAL
@@ -62,11 +63,21 @@ def unpredictable(case: Case) -> list[Problem]:
         return [Problem("geometry.kind", shown(case.geometry.kind), "must be column: only columns can be predicted")]
     if case.parts != ColumnBoundary().parts():
         return [Problem("boundary", "", "has another open end or a current: only a closed piston can be predicted")]
-    return [
-        Problem(f"phase.{phase.name}.piston.displacement", "", "is prescribed: only pressures can be predicted")
-        for phase, acting in zip(case.phase, acting_loads(case), strict=True)
-        if "piston.displacement" in acting
-    ]
+    problems = []
+    for phase, acting in zip(case.phase, acting_loads(case), strict=True):
+        place = f"phase.{phase.name}"
+        if "piston.displacement" in acting:
+            problems.append(
+                Problem(f"{place}.piston.displacement", "", "is prescribed: only pressures can be predicted")
+            )
+        for name, load in acting.items():
+            if isinstance(load, TableLoad | Sine):
+                problems.append(
+                    Problem(f"{place}.{name}", "", "is a table or a sine: only steps and ramps can be predicted")
+                )
+        if phase.until is not None:
+            problems.append(Problem(f"{place}.until", "", "only phases of given durations can be predicted"))
+    return problems
 
 
 def is_uniform(case: Case) -> bool:
@@ -103,7 +114,7 @@ def conditions_of(cases: Sequence[Case]) -> list[Conditions]:
     conditions = [Conditions(np.zeros_like(bath), bath)]
     for acting in zip(*(acting_loads(case) for case in cases), strict=True):
         pairs = [
-            (piston_pressure(case, each), each["filter.bath_concentration"])
+            (piston_pressure(case, each), shape_of(each["filter.bath_concentration"]))
             for case, each in zip(cases, acting, strict=True)
         ]
         targets = (np.array([_target(load) for load in loads]) for loads in zip(*pairs, strict=True))
@@ -112,11 +123,11 @@ def conditions_of(cases: Sequence[Case]) -> list[Conditions]:
     return conditions
 
 
-def _target(load: float | Ramp | None) -> float:
+def _target(load: Shape | None) -> float:
     return np.nan if load is None else final_value(load)
 
 
-def _duration(load: float | Ramp | None) -> float:
+def _duration(load: Shape | None) -> float:
     return load.over if isinstance(load, Ramp) else 0.0
 
 

@@ -12,7 +12,7 @@ from fvswell.boundary.parts import Part
 from fvswell.boundary.sides import EDGE_AXIS, EDGES
 from fvswell.case.acting_loads import acting_loads, initial_loads
 from fvswell.case.case import Case
-from fvswell.case.loads import final_value, value_at
+from fvswell.case.loads import final_value, in_length, value_at
 from fvswell.physics.tissue import Array
 from fvswell.reporting.part_marks import draw_part, part_legend
 from fvswell.reporting.plots import PAGE_WIDTH, handy_time, in_print_style, lines_in_order
@@ -37,7 +37,7 @@ _LABELS = {
     "current": "current",
     "potential": "potential (mV)",
 }
-_FACTORS = {"bath_concentration": 1e6, "bath_pressure": 1e3}
+_FACTORS = {"bath_concentration": 1e6, "bath_pressure": 1e3, "current": 1e6}
 
 
 class Curve(NamedTuple):
@@ -67,11 +67,11 @@ def load_curves(case: Case, durations: Sequence[float]) -> dict[str, Curve]:
     start = 0.0
     for acting, duration in zip(acting_loads(case), durations, strict=True):
         within = np.linspace(0.0, duration, _POINTS)
-        for name, load in acting.items():
-            first = before.get(name, 0.0)
+        for name, given in acting.items():
+            load, first = in_length(given, _extent_of(case, name)), before.get(name, 0.0)
             values = [value_at(load, time, first) for time in within]
             curves.setdefault(name, []).append(np.array([[start, *(start + within), np.nan], [first, *values, np.nan]]))
-        before = {name: final_value(load, duration) for name, load in acting.items()}
+        before = {name: final_value(in_length(load, _extent_of(case, name)), duration) for name, load in acting.items()}
         start += duration
     return {name: Curve(*np.concatenate(parts, axis=1)) for name, parts in curves.items()}
 
@@ -120,7 +120,7 @@ def case_figure(case: Case, durations: Sequence[float]) -> Figure:
 
 def _label(case: Case, kind: str) -> str:
     if kind == "current":
-        return "current density\n(A/mm²)" if case.geometry.kind == "column" else "current (A)"
+        return "current density\n(µA/mm²)" if case.geometry.kind == "column" else "current (µA)"
     return _LABELS[kind]
 
 
@@ -138,8 +138,8 @@ def _draw_body(axes: Axes, case: Case) -> None:
     axes.set_xlabel("" if column else ("$r$ (mm)" if case.geometry.kind == "axisymmetric" else "$x$ (mm)"))
     axes.set_ylabel("distance from the filter (mm)" if column else "$y$ (mm)")
     axes.spines[["left", "bottom"]].set_visible(False)
-    if column:
-        axes.set_xticks([])
+    axes.set_yticks(np.unique([0.0, 0.5 * extent[1], extent[1]]))
+    axes.set_xticks([] if column else np.unique([0.0, 0.5 * extent[0], extent[0]]))
     part_legend(axes, parts, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
 
 
@@ -150,6 +150,12 @@ def _extent(case: Case) -> tuple[float, float]:
         return _COLUMN_WIDTH * geometry.height, geometry.height
     extent: tuple[float, float] = geometry.extent
     return extent
+
+
+def _extent_of(case: Case, name: str) -> float:
+    """Extent of the body along the displacement of a part, which strains are shares of, mm."""
+    part = next(part for part in case.parts if part.name == name.partition(".")[0])
+    return _extent(case)[EDGE_AXIS[_edge(part)]]
 
 
 def _edge(part: Part) -> str:
@@ -176,8 +182,8 @@ def _name(axes: Axes, part: Part, line: Array, extent: tuple[float, float]) -> N
         text += f"\n{part.electrical}" + ("" if part.electrode == "bath" else f", {part.electrode} electrode")
     upright = EDGE_AXIS[edge] == 0
     axes.annotate(
-        text, line.mean(axis=1), xytext=(7.0 * outward[0], 7.0 * outward[1]), textcoords="offset points", fontsize=7, zorder=5,
-        rotation=90 if upright else 0,
+        text, line.mean(axis=1), xytext=(7.0 * outward[0], 7.0 * outward[1]), textcoords="offset points", fontsize=7,
+        zorder=5, rotation=90 if upright else 0,
         ha="center" if not upright else ("left" if outward[0] > 0 else "right"),
         va="center" if upright else ("bottom" if outward[1] > 0 else "top"),
     )  # fmt: skip

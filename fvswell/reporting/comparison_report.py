@@ -8,7 +8,7 @@ from fvswell.analysis.comparison import BlockDifference, ColumnDifference, Compa
 from fvswell.prediction.determination import NO_VARIATION
 from fvswell.reporting.console import TextTable, percent
 from fvswell.reporting.reports import words
-from fvswell.results.fields import FIELDS
+from fvswell.results.fields import field
 
 __all__ = ["comparison_remarks", "comparison_tables"]
 
@@ -60,5 +60,5 @@ def _comparison_table(comparison: Comparison, phase: str) -> TextTable:
 
 
 def _amount(value: float, quantity: str) -> str:
-    units = FIELDS[quantity].units
+    units = field(quantity).units
     return percent(value) if units == "1" else f"{value:+.4g} {'MPa' if units == 'N mm-2' else units}"

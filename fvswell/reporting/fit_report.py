@@ -101,7 +101,7 @@ def _measurement_table(result: FitResult) -> TextTable:
     measured = zip(result.problem.measurements, result.best.noise, result.residual_tests, strict=True)
     for measurement, noise, test in measured:
         given = "given" if measurement.noise is not None else f"{100.0 * noise / measurement.size:.2g} % of the curve"
-        unit = history_unit(measurement.quantity)
+        unit = history_unit(measurement.units)
         rows.append(
             [measurement.name, str(len(measurement)), f"{noise:.3g} {unit}".strip(), given,
              f"{test.runs} of {test.expected_runs:.0f}", f"{test.autocorrelation:+.2f}",

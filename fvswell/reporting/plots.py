@@ -22,7 +22,7 @@ from fvswell.analysis.histories import local_strain, profile_at
 from fvswell.case.errors import nearest_name
 from fvswell.errors import OutputError
 from fvswell.physics.tissue import Array
-from fvswell.results.fields import FIELDS
+from fvswell.results.fields import FIELDS, field
 from fvswell.units import QuantityError, number_or_text, parse
 
 if TYPE_CHECKING:
@@ -313,7 +313,7 @@ def axis_label(variable: str) -> str:
 
 def print_unit(variable: str) -> tuple[float, str]:
     """Factor from the unit of a field in the file to its unit in print, and that unit."""
-    unit = FIELDS[variable].units
+    unit = field(variable).units
     return _PRINT_UNITS.get(unit, (1.0, "" if unit == "1" else unit))
 
 

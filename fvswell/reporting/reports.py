@@ -11,14 +11,16 @@ import numpy as np
 from fvswell.boundary.parts import Part
 from fvswell.case.case import Case
 from fvswell.case.geometry import BlockGeometry, Geometry
+from fvswell.case.loads import Ramp, Shape, Sine, StrainLoad, TableLoad
 from fvswell.case.phases import PartLoads
 from fvswell.case.profiles import DepthProfile, PlaneProfile
 from fvswell.case.reading import value_type
-from fvswell.case.values import Ramp, RelaxationTimes
+from fvswell.case.values import Rate, RelaxationTimes
 from fvswell.reporting.console import TextTable, percent
-from fvswell.results.fields import FIELDS
+from fvswell.results.fields import is_field
 from fvswell.results.layout import COMPLETE, SAME_TIME
 from fvswell.results.moved_grid import AXES, first_fold
+from fvswell.units import DIMENSIONS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -223,7 +225,7 @@ def content_table(result: xr.Dataset) -> TextTable:
     rows = [
         [str(name), _dimensions(variable), variable.attrs["units"], variable.attrs["long_name"]]
         for name, variable in result.variables.items()
-        if name in FIELDS
+        if is_field(str(name))
     ]
     return TextTable("Fields", ["name", "dimensions", "units", "meaning"], rows)
 
@@ -261,13 +263,31 @@ def _value(table: BaseModel, key: str) -> str:
     if isinstance(value, PlaneProfile):
         values = [item for row in value.value for item in row]
         return f"{quantity_text(min(values), unit)} to {quantity_text(max(values), unit)} in the block"
-    if isinstance(value, Ramp):
-        return f"to {quantity_text(value.ramp_to, unit)} within {value.over:g} s"
+    if isinstance(value, Rate):
+        return f"it changes by less than {value.value:.3g} {DIMENSIONS[value.dimension].unit}"
+    if isinstance(value, StrainLoad):
+        return _load_text(value.of(100.0), "%")
+    if isinstance(value, Ramp | TableLoad | Sine):
+        return _load_text(value, unit)
     if isinstance(value, float) and not isinstance(value, RelaxationTimes):
         return quantity_text(value, unit)
     if isinstance(value, tuple) and not isinstance(value, RelaxationTimes):
         return " x ".join(quantity_text(item, unit) if isinstance(item, float) else str(item) for item in value) or "-"
     return str(value)
+
+
+def _load_text(load: Shape, unit: str) -> str:
+    """How a load goes, in words."""
+    if isinstance(load, Ramp):
+        return f"to {quantity_text(load.ramp_to, unit)} within {load.over:g} s"
+    if isinstance(load, TableLoad):
+        source = "" if load.source is None else f" of {load.source.file}"
+        ends = f"{quantity_text(min(load.values), unit)} to {quantity_text(max(load.values), unit)}"
+        return f"{len(load.times)} points{source}, {ends}, until {load.times[-1]:g} s"
+    if isinstance(load, Sine):
+        mean, amplitude = quantity_text(load.mean, unit), quantity_text(load.amplitude, unit)
+        return f"{mean} +- {amplitude} with a period of {load.period:g} s"
+    return quantity_text(load, unit)
 
 
 def quantity_text(value: float, unit: str) -> str:

@@ -11,7 +11,7 @@ import xarray as xr
 
 from fvswell.errors import OutputError
 from fvswell.physics.tissue import Array
-from fvswell.results.fields import FIELDS
+from fvswell.results.fields import field, is_field
 from fvswell.results.file import read_result, refuse_existing
 from fvswell.results.moved_grid import AXES, is_block, moved_nodes, quadrilaterals
 
@@ -94,7 +94,7 @@ def block_mesh(result: xr.Dataset, index: int) -> pyvista.UnstructuredGrid:
     data: dict[str, Any] = {"cell": mesh.cell_data, "node": mesh.point_data, "global": mesh.field_data}
     for name, values in _fields(result, index).items():
         component = name if name in result else f"{name}_x"  # of a vector
-        data[FIELDS[component].location][name] = values
+        data[field(component).location][name] = values
     mesh.field_data["TimeValue"] = np.array([at])
     return mesh
 
@@ -104,7 +104,7 @@ def _fields(result: xr.Dataset, index: int) -> dict[str, Array]:
     fields: dict[str, Array] = {}
     for key in result.data_vars:
         name = str(key)
-        if name not in FIELDS or "time" not in result[name].dims:
+        if not is_field(name) or "time" not in result[name].dims:
             continue
         values = np.atleast_1d(result[name].values[index])
         stem, _, axis = name.rpartition("_")

@@ -1,17 +1,18 @@
-"""What a result holds: name, unit and meaning of every field, in one table.
+"""What a result holds: name, unit and meaning of every field, in one table, and one of what parts of the boundary have.
 
 Locations: ``global`` (one value a time), ``cell``, ``node`` (the nodes of a column are its faces), ``face``
 (cells of a 2D grid), ``edge`` (faces between them), ``phase`` (one value a phase) and ``step`` (history of
-the solver).
+the solver). Histories of parts of the boundary are named "PART_KIND".
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from fvswell.boundary.sides import EDGES
 
-__all__ = ["FIELDS", "Field"]
+__all__ = ["FIELDS", "Field", "field", "is_field", "part_fields"]
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,6 @@ FIELDS: dict[str, Field] = {
     "global_strain": Field("1", "height over height of the equilibrated sample, less one", "global"),
     "global_strain_from_stress_free": Field("1", "height over height of the stress-free solid, less one", "global"),
     "height": Field("mm", "height of the sample", "global"),
-    "piston_pressure": Field(_STRESS, "pressure of the piston, compression positive", "global"),
     "bath_concentration": Field(_CONCENTRATION, "salt concentration of the bath", "global"),
     "volume_ratio": Field("1", "current over stress-free volume, J", "cell"),
     "fluid_fraction": Field("1", "volume fraction of the fluid", "cell"),
@@ -130,3 +130,74 @@ FIELDS: dict[str, Field] = {
     "step_iterations": Field("1", "Newton iterations in all stages of the step", "step", "step: sum"),
     "step_update": Field("1", "last update of Newton's method, relative to the contents", "step", "step: point"),
 }
+
+# kinds of histories of parts: units, and meaning of which the name of the part takes its place; in a column what is
+# divided by its area
+_PART_KINDS: dict[str, tuple[str, str]] = {
+    "pressure": (_STRESS, "mean normal pressure on the {}, without its bath's, compression positive"),
+    "force": ("N", "normal force on the {} (of a disc, or 1 mm thick), compression positive"),
+    "displacement": ("mm", "mean normal displacement of the {} from the equilibrated sample, positive along the axis"),
+    "bath_concentration": (_CONCENTRATION, "salt concentration of the bath at the {}"),
+    "bath_pressure": (_STRESS, "hydrostatic pressure of the bath at the {}"),
+    "water_volume": ("mm3", "volume of water that has entered through the {}"),
+    "cation_amount": ("mmol", "amount of cations that has entered through the {}"),
+    "anion_amount": ("mmol", "amount of anions that has entered through the {}"),
+    "current": ("A", "electric current into the tissue through the {}"),
+    "potential": ("mV", "electric potential at the {}, relative to the reference"),
+}
+_PER_AREA = {"mm3": "mm", "mmol": "mmol mm-2", "A": "A mm-2"}
+
+
+def part_fields(names: Iterable[str], per_area: bool) -> dict[str, Field]:
+    """Histories that parts of the boundary may have.
+
+    Parameters
+    ----------
+    names
+        Of the parts.
+    per_area
+        Whether amounts and currents are per area, as they are in columns.
+    """
+    fields = {}
+    for name in names:
+        for kind, (units, meaning) in _PART_KINDS.items():
+            divided = per_area and units in _PER_AREA
+            fields[f"{name}_{kind}"] = Field(
+                _PER_AREA[units] if divided else units,
+                meaning.format(name.replace("_", " ")) + (", per area" if divided else ""), "global",
+            )  # fmt: skip
+    return fields
+
+
+def _part_of(name: str) -> str | None:
+    """The part of a history "PART_KIND"; None if there is no such kind."""
+    kinds = sorted(_PART_KINDS, key=len, reverse=True)
+    return next((part for kind in kinds if (part := name.removesuffix(f"_{kind}")) not in ("", name)), None)
+
+
+def is_field(name: str) -> bool:
+    """Whether a name is that of a field, be it of the table or of a part."""
+    return name in FIELDS or _part_of(name) is not None
+
+
+def field(name: str, per_area: bool = False) -> Field:
+    """Metadata of a field of the table, or of a history of a part.
+
+    Parameters
+    ----------
+    name
+        Of the field.
+    per_area
+        As for `part_fields`.
+
+    Raises
+    ------
+    KeyError
+        If there is no such field.
+    """
+    if name in FIELDS:
+        return FIELDS[name]
+    part = _part_of(name)
+    if part is None:
+        raise KeyError(name)
+    return part_fields([part], per_area)[name]

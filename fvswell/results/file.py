@@ -133,7 +133,8 @@ def read_case(path: str | Path) -> Case:
         if "case_toml" not in file.ncattrs():
             raise OutputError(f"{path}: is not a result of fvswell (it holds no case)")
         text = str(file.case_toml)
-    return Case.from_toml(text, source=str(path))
+        folder = Path(file.load_folder) if "load_folder" in file.ncattrs() else None
+    return Case.from_toml(text, source=str(path), folder=folder)
 
 
 def read_state(path: Path) -> dict[str, Array]:

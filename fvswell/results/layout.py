@@ -9,7 +9,7 @@ import numpy as np
 
 from fvswell.case.case import Case
 from fvswell.physics.tissue import Array
-from fvswell.results.fields import FIELDS
+from fvswell.results.fields import field
 from fvswell.results.provenance import provenance
 
 if TYPE_CHECKING:
@@ -62,26 +62,29 @@ class Layout:
         comment: str,
         conventions: str = "CF-1.11",
         mesh: str = "",
+        per_area: bool = False,
     ) -> None:
         self.dimensions, self.coordinates = dimensions, coordinates
-        self.location_dimensions, self.mesh = location_dimensions, mesh
+        self.location_dimensions, self.mesh, self.per_area = location_dimensions, mesh, per_area
         self.attributes: dict[str, Any] = provenance(case.title, f"{case.model} model", comment, conventions) | {
             "model": case.model,
             "case_toml": case.to_toml(),
             "case_sha256": case.sha256,
         }
+        if case.load_files:
+            self.attributes["load_folder"] = str(case.folder.resolve())
 
     def field_dimensions(self, name: str) -> tuple[str, ...]:
         """Dimensions of a field."""
-        location = FIELDS[name].location
+        location = field(name, self.per_area).location
         if location == "step":
             return ("step",)
         return ("time",) if location == "global" else ("time", self.location_dimensions[location])
 
     def field_attributes(self, name: str) -> dict[str, str]:
         """Attributes of a field."""
-        attributes = FIELDS[name].attributes
-        dimension = self.location_dimensions.get(FIELDS[name].location)
+        attributes = field(name, self.per_area).attributes
+        dimension = self.location_dimensions.get(field(name, self.per_area).location)
         if dimension is not None:
             attributes["location"] = dimension
             if self.mesh:

@@ -16,12 +16,13 @@ from fvswell.block.grid import BlockGrid, block_grid
 from fvswell.block.make_block import make_block
 from fvswell.block.march import march_block
 from fvswell.boundary.sides import EDGE_AXIS, EDGES
-from fvswell.case.acting_loads import acting_loads
+from fvswell.case.acting_loads import acting_loads, moved_part
 from fvswell.case.case import Case
+from fvswell.case.loads import AnyLoad, in_length, shape_of
 from fvswell.case.output_times import output_times
-from fvswell.case.values import Ramp, final_value
 from fvswell.errors import SolverError
-from fvswell.numerics.loads import Load, Protocol, make_protocol
+from fvswell.numerics.loads import AnyLoad as NumericLoad
+from fvswell.numerics.loads import Protocol, make_protocol
 from fvswell.numerics.state import Control, Record, State
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.models import MODELS, Model
@@ -31,6 +32,7 @@ from fvswell.physics.tissue import Array, Tissue
 from fvswell.results.fields import FIELDS
 from fvswell.results.layout import Layout
 from fvswell.simulation.block_reference import BlockTissues, stress_free_block, tissues_at
+from fvswell.simulation.loads import measured_load, numeric_load
 from fvswell.simulation.step_control import FIRST_STEP, SMALLEST_STRAIN, step_control
 
 __all__ = ["BlockRun"]
@@ -112,12 +114,12 @@ class BlockRun:
         """Nothing: the strain of a block in equilibrium takes a run to find."""
         return np.zeros(0)
 
-    def loads(self) -> list[list[Load | None]]:
+    def loads(self) -> list[list[NumericLoad | None]]:
         """Each load of the block in each phase."""
         bath = f"{next(part.name for part in self.case.parts if part.open)}.bath_concentration"
         phases = []
         for acting in acting_loads(self.case, self._held_loads()):
-            loads = {name: _load(load, self._rest_of(name)) for name, load in acting.items()}
+            loads = {name: self._load(name, load) for name, load in acting.items()}
             phases.append([loads.get(bath if name == "bath" else name) for name in self.body.load_names])
         return phases
 
@@ -133,6 +135,23 @@ class BlockRun:
         held |= {f"{part.name}.bath_concentration": bath for part in self.case.parts if part.open}
         return {name: value for name, value in held.items() if not np.isnan(value)}
 
+    def _load(self, name: str, load: AnyLoad) -> NumericLoad | None:
+        """A load as the integrator takes it."""
+        if not name.endswith("displacement"):
+            return numeric_load(shape_of(load))
+        edges = {part.name: part.edge for part in self.case.parts}
+        axis = EDGE_AXIS[edges[name.partition(".")[0]]]
+        if name.endswith(".tangential_displacement"):
+            axis = 1 - axis
+        return numeric_load(in_length(load, self._free_extent(axis)), self._rest_of(name))
+
+    def _free_extent(self, axis: int) -> float:
+        """Of the equilibrated block along x (0) or y (1), mm: its mean height, or its width at the bottom."""
+        if axis == 1:
+            return float(self.body.initial_height)
+        bottom = self._initial[0, self.grid.edge_vertices("bottom")]
+        return float(np.ptp(bottom))
+
     def _rest_of(self, name: str) -> float:
         """Value in the equilibrated block of what a case gives relative to it: a displacement."""
         return float(self._rest[name]) if name.endswith(".displacement") else 0.0
@@ -140,7 +159,13 @@ class BlockRun:
     def protocol(self, durations: Sequence[float], times: Sequence[float] | Array | None = None) -> Protocol:
         """Protocol with phases of given durations; ``times`` are outputs to record instead of the case's own."""
         due: Any = output_times(self.case, durations) if times is None else np.asarray(times)
-        return make_protocol(self.loads(), durations, due)
+        slopes = [name.endswith("displacement") for name in self.body.load_names]
+        return make_protocol(self.loads(), durations, due, slope_matters=slopes)
+
+    def measured(self) -> list[int]:
+        """What the end of each phase may depend on: index of a load, or `STRAIN`."""
+        acting = acting_loads(self.case, self._held_loads())
+        return [measured_load(self.body.load_names, moved_part(self.case, each)) for each in acting]
 
     def control(self) -> Control:
         """How the steps are chosen."""
@@ -271,7 +296,3 @@ def _equilibrated(case: Case, model: Model, sample: BlockGrid) -> tuple[BlockBod
     if case.open_circuit_permeability == "initial":
         ratio = initial_open_circuit_ratio(block, state.unknowns)
     return start_of(block.with_open_circuit_ratio(ratio), state.unknowns)
-
-
-def _load(load: float | Ramp, rest: float) -> Load:
-    return Load(rest + final_value(load), load.over if isinstance(load, Ramp) else 0.0)

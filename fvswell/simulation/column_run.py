@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from fvswell.case.acting_loads import acting_loads
+from fvswell.case.acting_loads import acting_loads, moved_part, reference_bath
 from fvswell.case.case import Case
 from fvswell.case.column_checks import piston_pressure
+from fvswell.case.loads import AnyLoad, in_length, shape_of
 from fvswell.case.output_times import output_times
 from fvswell.case.reference_state import stress_free
-from fvswell.case.values import Ramp, final_value
 from fvswell.column.balances import COLUMN_LOADS
 from fvswell.column.column import Column, compiled_march
+from fvswell.column.electrical import electrical_loads
 from fvswell.column.fields import column_fields
 from fvswell.column.grid import ColumnGrid, column_grid, grid_of_widths
 from fvswell.column.stage import ColumnBody
 from fvswell.errors import SolverError
-from fvswell.numerics.loads import Load, Protocol, make_protocol
+from fvswell.numerics import loads as numerics
+from fvswell.numerics.loads import STRAIN, Load, Protocol, make_protocol
 from fvswell.numerics.state import Control, Record, State
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.models import MODELS, Model
@@ -29,6 +31,7 @@ from fvswell.physics.solids import aggregate_modulus
 from fvswell.physics.tissue import Array, Tissue
 from fvswell.results.fields import FIELDS
 from fvswell.results.layout import Layout
+from fvswell.simulation.loads import numeric_load
 from fvswell.simulation.step_control import FIRST_STEP, SMALLEST_STRAIN, step_control
 
 __all__ = ["ColumnRun"]
@@ -62,7 +65,8 @@ class ColumnRun:
         self.grid: ColumnGrid = sample if isinstance(swollen, float) else grid_of_widths(sample.widths / swollen)
         if like is not None and like.model.swelling == self.model.swelling:
             self._volume_ratios = like._volume_ratios
-        self.column = Column(self.grid, self.model, cells, faces, case.bath.concentration, open_circuit)
+        parts: Any = case.parts
+        self.column = Column(self.grid, self.model, cells, faces, case.bath.concentration, open_circuit, parts)
         self.state = self.start()
         self.volumes = self.grid.widths
         self.scale = self.column.scale[: len(self.state.contents)]
@@ -115,13 +119,31 @@ class ColumnRun:
 
         Shape (1 + phases, cells); nan where no water is left.
         """
-        states = [(0.0, self.case.bath.concentration)]
-        for loads in self._loads:
-            pressure, bath = loads[0], loads[2]
-            states.append((0.0 if pressure is None else pressure.target, bath.target if bath else np.nan))
+        states = [(0.0, self.case.bath.concentration), *map(self._equilibrium_load, self._loads)]
         pressures, baths = np.array(states).T[:, :, None]
         J = equilibrium_volume_ratio(self.column.cells, pressures, baths)
         return np.broadcast_to(J, (len(states), len(self.grid.widths)))
+
+    def _equilibrium_load(self, loads: list[numerics.AnyLoad | None]) -> tuple[float, float]:
+        """Pressure that the solid and the ions carry in the end, and the concentration of the bath.
+
+        Where two baths differ in pressure there is no equilibrium, and the pressure is what the solid carries at most.
+        """
+        end = {name: np.nan if load is None else load.target for name, load in zip(COLUMN_LOADS, loads, strict=True)}
+        first = reference_bath(self.case.parts)
+        name = "filter" if first is None else first.name
+        carried = np.nan_to_num(end["pressure"])
+        if self.case.parts[1].open:
+            carried += end["piston_bath_pressure"]
+        return float(carried - end[f"{name}_bath_pressure"]), float(end[f"{name}_bath_concentration"])
+
+    def _is_steady_flow(self, loads: list[numerics.AnyLoad | None]) -> bool:
+        """Whether baths that differ, or a current, keep something flowing in the end."""
+        end = {name: np.nan if load is None else load.target for name, load in zip(COLUMN_LOADS, loads, strict=True)}
+        ends = [part.name for part in self.case.parts if part.open]
+        differ = [len({end[f"{name}_bath_{kind}"] for name in ends}) > 1 for kind in ("concentration", "pressure")]
+        driven = [end[f"{name}_{kind}"] for name in ("filter", "piston") for kind in ("current", "potential")]
+        return any(differ) or bool(np.nan_to_num(driven).any() and self.model.transports_ions)
 
     @cached_property
     def initial_volume_ratio(self) -> Array:
@@ -134,46 +156,57 @@ class ColumnRun:
         return float(self._volume_ratios[0] @ self.grid.widths)
 
     @cached_property
-    def _loads(self) -> list[list[Load | None]]:
-        """Each load of a column in each phase; heights as displacements of the piston."""
+    def _loads(self) -> list[list[numerics.AnyLoad | None]]:
+        """Each load of a column in each phase."""
         phases = []
         for acting in acting_loads(self.case, self._held_loads()):
-            baths = {
-                f"{end}_{kind}": _load(acting.get(f"{end}.bath_{kind}"))
-                for end in ("filter", "piston")
-                for kind in ("concentration", "pressure")
-            }
-            loads = baths | {
-                "pressure": _load(piston_pressure(self.case, acting)),
-                "height": _load(acting.get("piston.displacement")),
-                "current": Load(0.0),
-            }
-            reference = baths["filter_concentration"] or baths["piston_concentration"]
+            given = {name: numeric_load(shape_of(load)) for name, load in acting.items()}
+            reference = reference_bath(self.case.parts)
+            bath = None if reference is None else given[f"{reference.name}.bath_concentration"]
+            loads: dict[str, numerics.AnyLoad | None] = electrical_loads(self.column.parts, given)
             for end in ("filter", "piston"):
-                loads[f"{end}_concentration"] = loads[f"{end}_concentration"] or reference
-                loads[f"{end}_pressure"] = loads[f"{end}_pressure"] or Load(0.0)
+                loads[f"{end}_bath_concentration"] = given.get(f"{end}.bath_concentration", bath)
+                loads[f"{end}_bath_pressure"] = given.get(f"{end}.bath_pressure", Load(0.0))
+            loads["pressure"] = numeric_load(piston_pressure(self.case, acting))
+            loads["height"] = self._height(acting)
             phases.append([loads[name] for name in COLUMN_LOADS])
         return phases
+
+    @cached_property
+    def _free_height(self) -> float:
+        """Height of the equilibrated column, mm, found without the loads."""
+        return float(self.column.initial_volume_ratio() @ self.grid.widths)
+
+    def _height(self, acting: Mapping[str, AnyLoad]) -> numerics.AnyLoad | None:
+        """Height of the column where the piston is fixed, or a displacement of it gives the height."""
+        if self.case.parts[1].mechanical == "fixed":
+            return Load(self._free_height)
+        if "piston.displacement" not in acting:
+            return None
+        return numeric_load(in_length(acting["piston.displacement"], self._free_height), self._free_height)
 
     def _held_loads(self) -> dict[str, float] | None:
         """Loads that a run before has left, by the names of the case."""
         if self.held is None:
             return None
         held = dict(zip(COLUMN_LOADS, map(float, self.held), strict=True))
-        height = float(self.column.initial_volume_ratio() @ self.grid.widths)
-        names = {
-            "piston.pressure": held["pressure"],
-            "piston.displacement": held["height"] - height,
-            **{f"{end}.bath_{kind}": held[f"{end}_{kind}"] for end in ("filter", "piston")
-               for kind in ("concentration", "pressure")},
-        }  # fmt: skip
+        names = {"piston.pressure": held["pressure"], "piston.displacement": held["height"] - self._free_height}
+        names |= {
+            f"{part.name}.{kind}": held[f"{part.name}_{kind}"]
+            for part in self.case.parts
+            for kind in part.loads
+            if kind not in ("pressure", "force", "displacement")
+        }
         return {name: value for name, value in names.items() if not np.isnan(value)}
 
     def equilibrium_strains(self) -> Array:
-        """Global strain in equilibrium under the loads that each phase ends with, (phases,)."""
+        """Global strain in equilibrium under the loads that each phase ends with, (phases,); nan if there is none."""
         free = self._volume_ratios[1:] @ self.grid.widths / self.initial_height - 1.0
-        held = [np.nan if loads[1] is None else loads[1].target / self.initial_height for loads in self._loads]
-        return np.where(np.isnan(held), free, held)
+        heights = np.array([np.nan if loads[1] is None else loads[1].target for loads in self._loads])
+        held = (heights - self._free_height) / self.initial_height
+        flowing = [self._is_steady_flow(loads) for loads in self._loads]
+        strains: Array = np.where(np.isnan(held), np.where(flowing, np.nan, free), held)
+        return strains
 
     def largest_strain(self) -> float:
         """Largest strain in equilibrium of the protocol, of the sample let free as well as held.
@@ -201,14 +234,18 @@ class ColumnRun:
         times
             Outputs to record instead of the case's own.
         """
-        phases: list[list[Load | None]] = [
-            [loads[0], _shifted(loads[1], self.initial_height), *loads[2:]] for loads in self._loads
-        ]
+        slopes = [name == "height" for name in COLUMN_LOADS]
         due: Any = output_times(self.case, durations) if times is None else np.asarray(times)
         if multiples is None:
-            return make_protocol(phases, durations, due)
+            return make_protocol(self._loads, durations, due, slope_matters=slopes)
         fraction = self.case.time.relaxation_fraction
-        return make_protocol(phases, durations, (), multiples, self.equilibrium_strains().tolist(), fraction)
+        strains = self.equilibrium_strains().tolist()
+        return make_protocol(self._loads, durations, (), multiples, strains, fraction, slope_matters=slopes)
+
+    def measured(self) -> list[int]:
+        """What the end of each phase may depend on: index of a load, or `STRAIN`."""
+        moved = [moved_part(self.case, acting) for acting in acting_loads(self.case, self._held_loads())]
+        return [STRAIN if part is None else COLUMN_LOADS.index("pressure") for part in moved]
 
     def control(self) -> Control:
         """How the steps are chosen."""
@@ -233,7 +270,11 @@ class ColumnRun:
 
     def fields(self, record: Record) -> dict[str, Array]:
         """Fields of all outputs of a record."""
-        return column_fields(self.column, self.initial_volume_ratio, record)
+        fields = column_fields(self.column, self.initial_volume_ratio, record)
+        area = getattr(self.case.geometry, "area", None)
+        if area is not None:
+            fields |= {f"{part.name}_force": area * fields[f"{part.name}_pressure"] for part in self.case.parts}
+        return fields
 
     def place(self, balance: str, point: int) -> str:
         """Where a point of a balance lies."""
@@ -261,14 +302,5 @@ class ColumnRun:
             location_dimensions={"cell": "cell", "node": "node"},
             case=self.case,
             comment="A column of tissue between a filter at x = 0 and a piston; x moves with the solid.",
+            per_area=True,
         )  # fmt: skip
-
-
-def _load(value: float | Ramp | None) -> Load | None:
-    if value is None:
-        return None
-    return Load(final_value(value), value.over if isinstance(value, Ramp) else 0.0)
-
-
-def _shifted(load: Load | None, by: float) -> Load | None:
-    return None if load is None else load._replace(target=load.target + by)

@@ -31,7 +31,7 @@ _MOST_NAMED = 5  # differences that are reported
 def kept_state(state: State, protocol: Protocol, held: Array | None) -> dict[str, Array]:
     """Copy of all that a run needs to be continued, by name; ``held`` are the loads that it began with, if any."""
     arrays = state._asdict() | {f"protocol_{name}": getattr(protocol, name) for name in _CHANGED}
-    arrays[_HELD] = protocol.table[-1, :, TARGET]
+    arrays[_HELD] = np.where(np.isnan(protocol.table[-1, :, TARGET]), np.nan, state.loads)
     if held is not None:
         arrays[_HELD_BEFORE] = held
     return {name: values.copy() for name, values in arrays.items()}

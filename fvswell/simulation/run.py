@@ -131,7 +131,7 @@ def simulate(
         refuse_existing([path], replace)
     setup = make_setup(case, held=None if earlier is None else earlier.held)
     if durations is None:
-        durations = phase_durations(case, setup)
+        durations = phase_durations(case, setup, earlier.restore if isinstance(earlier, Ending) else None)
     layout = setup.layout(durations)
     layout.attributes |= state_attributes(sample_states(setup))
     if earlier is not None and earlier.started_from is not None:

@@ -19,6 +19,7 @@ class Setup(Protocol):
     """What a run needs of a column or a block."""
 
     case: Case
+    model: Model
     volumes: Array
     scale: Array
     state: State  # of the equilibrated sample
@@ -57,6 +58,15 @@ class Setup(Protocol):
 
     def protocol(self, durations: Sequence[float], *, times: Sequence[float] | Array | None = None) -> Phases:
         """Protocol with phases of the given durations; ``times`` are outputs instead of the case's own."""
+
+    def measured(self) -> list[int]:
+        """What the end of each phase may depend on: index of a load, or `fvswell.numerics.loads.STRAIN`."""
+
+    def largest_strain(self) -> float:
+        """Largest strain that is expected."""
+
+    def first_step(self) -> float:
+        """Step to start with where loads jump, s."""
 
     def control(self) -> Control:
         """How the steps are chosen."""

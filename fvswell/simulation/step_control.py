@@ -27,7 +27,7 @@ def step_control(case: Case, largest_strain: float, first_step: float) -> Contro
     largest_strain
         That is expected; the tolerance is relative to it, or to the largest seen.
     first_step
-        Where loads jump or turn, s.
+        Where loads jump, s.
     """
     time = case.time
     if time.fixed_steps is not None:

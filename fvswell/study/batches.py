@@ -17,6 +17,7 @@ from fvswell.prediction.determination import coefficient_of_determination
 from fvswell.results.layout import COMPLETE
 from fvswell.simulation.column_run import ColumnRun
 from fvswell.simulation.relaxation import phase_durations
+from fvswell.simulation.settling import ends_on_rate
 from fvswell.study.fields import STRAIN_CURVES
 from fvswell.study.sampling import ModelHistory, model_history
 from fvswell.version import __version__
@@ -89,7 +90,8 @@ def _run(case: Case, models: tuple[str, str], result: BatchResult) -> str:
     """Run both models of a case and fill its row of the result; gives its status."""
     try:
         first = ColumnRun(case, MODELS[models[0]])
-        durations = phase_durations(case, first)
+        reference = case.with_changes({"model": models[1]}) if ends_on_rate(case) else case
+        durations = phase_durations(reference, first)
         result["phase_duration"][:] = durations
         runs = (first, ColumnRun(case, MODELS[models[1]], like=first))
         histories = [model_history(run, durations) for run in runs]

@@ -14,10 +14,11 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationInfo, field_validator
 
 from fvswell.case.errors import nearest_name, shown
+from fvswell.case.loads import Load
 from fvswell.case.reading import value_type
 from fvswell.case.schema import MODELS, CaseTable
 from fvswell.case.tables import Table, inner_tables, is_array
-from fvswell.case.values import Choice, Count, Flag, Load, Name, Quantity, Text, ValueType
+from fvswell.case.values import Choice, Count, Flag, Name, Quantity, Text, ValueType
 
 __all__ = [
     "SAMPLINGS", "Combinations", "Design", "Grid", "OneAtATime", "Parameter", "Protocol", "StudyTable",

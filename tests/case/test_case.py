@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 
 import fvswell
 from fvswell.case.case import MODELS, Case, CaseError, load_case, parse_setting, starter_text
+from fvswell.case.loads import Ramp, final_value
 from fvswell.case.profiles import DepthProfile
 from fvswell.case.reading import Heading, tables_below, value_type
 from fvswell.case.reference import case_reference
 from fvswell.case.schema import CaseTable
 from fvswell.case.tables import inner_tables
-from fvswell.case.values import Ramp, RelaxationTimes, final_value
+from fvswell.case.values import RelaxationTimes
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.models import MODELS as MODEL
 from fvswell.physics.osmotic import coefficients

@@ -17,6 +17,7 @@ from integrations import (
     loads,
     make_column,
     make_control,
+    parts_with,
     swelling,
 )
 from tissues import BATH, random_tissue, reference_tissue
@@ -44,7 +45,7 @@ def forced(steps: int) -> Control:
 def swinging() -> Protocol:
     """A pressure about 0.1 MPa that begins as a sine does, and a bath that swings beside it."""
     protocol = make_protocol([loads(0.0)], [SECONDS])
-    for load, amplitude in (("pressure", 0.1), ("filter_concentration", 0.4 * BATH)):
+    for load, amplitude in (("pressure", 0.1), ("filter_bath_concentration", 0.4 * BATH)):
         row = protocol.table[0, COLUMN_LOADS.index(load)]
         row[AMPLITUDE], row[FREQUENCY] = amplitude, 2.0 * np.pi / 250.0
     return protocol
@@ -258,7 +259,7 @@ def test_open_at_both_ends_is_two_columns_back_to_back(model: str) -> None:
     protocol = swelling if model != "biphasic" else compression
     control, times = make_control(tolerance=1e-6, expected_strain=0.1), [3.0, 50.0, 600.0, 650.0, 1200.0]
     half = integrate(make_column(model, cells=12, grading=1.0), protocol(output_times=times), control)
-    column = make_column(model, cells=24, grading=1.0, height=2 * HEIGHT, open_ends=(True, True))
+    column = make_column(model, cells=24, grading=1.0, height=2 * HEIGHT, parts=parts_with((True, True)))
     bath = Load(1e-4 if model != "biphasic" else BATH)
     phases = [loads(0.0 if model != "biphasic" else 0.25, bath), loads(0.0)]
     whole = integrate(column, make_protocol(phases, [600.0, 600.0], times), control)

@@ -10,7 +10,7 @@ from integrations import equal_steps, loads, make_column
 from tissues import BATH, reference_tissue
 
 from fvswell.column.balances import COLUMN_LOADS
-from fvswell.column.column import Column, compiled_march
+from fvswell.column.column import FILTER_AND_PISTON, Column, compiled_march
 from fvswell.fipy import direct_solver
 from fvswell.numerics.loads import make_protocol
 from fvswell.numerics.state import Control
@@ -18,8 +18,8 @@ from fvswell.physics.tissue import Array
 
 VARIED = {"solid": "holmes-mow", "permeability_exponent": 2.0, "activity_ratio": 0.8}
 EVERY_LOAD = {
-    "pressure": 0.2, "filter_concentration": 1.2e-4, "piston_pressure": 0.01, "piston_concentration": 1.6e-4,
-    "current": 1e-6,
+    "pressure": 0.2, "filter_bath_concentration": 1.2e-4, "piston_bath_pressure": 0.01,
+    "piston_bath_concentration": 1.6e-4, "filter_current": 1e-4,
 }  # fmt: skip
 
 
@@ -33,10 +33,10 @@ class Moved(NamedTuple):
     loads: Array
 
 
-def moved(model: str, seed: int, open_circuit: Any = "initial", open_ends: Any = (True, False)) -> Moved:
+def moved(model: str, seed: int, open_circuit: Any = "initial", parts: Any = FILTER_AND_PISTON) -> Moved:
     """A short graded column in a random state, with every load that there is."""
     tissue = reference_tissue(**VARIED)
-    column = make_column(model, tissue, 9, 8.0, open_circuit=open_circuit, open_ends=open_ends)
+    column = make_column(model, tissue, 9, 8.0, open_circuit=open_circuit, parts=parts)
     J = column.initial_volume_ratio()
     base = column.contents(J, BATH)
     contents = base * np.random.default_rng(seed).uniform(0.9, 1.1, base.shape)

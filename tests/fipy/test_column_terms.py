@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from fipy import CellVariable, TransientTerm
 from fipy_columns import Moved, dense, moved, setup, values
-from integrations import equal_steps, make_column
+from integrations import equal_steps, make_column, parts_with
 
 from fvswell.column.column import compiled_march
 from fvswell.fipy import ColumnFluxTerm, StockTerms, column_mesh, contents_variable, direct_solver
@@ -19,7 +19,12 @@ from fvswell.numerics.state import record_room, workspace
 from fvswell.physics.models import MODELS
 from fvswell.physics.tissue import Array
 
-ENDS = [(True, False), (True, True), (False, True)]
+ENDS = {
+    "filter": parts_with(), "both": parts_with((True, True)), "piston": parts_with((False, True), ("insulating", "")),
+    "cation electrode": parts_with((True, False), ("grounded", "current"), ("bath", "cation")),
+    "anion electrode": parts_with((True, False), ("grounded", "current"), ("bath", "anion")),
+    "electrode at the filter": parts_with((False, True), ("current", "grounded"), ("anion", "bath")),
+}  # fmt: skip
 DURATION = 2.0
 
 
@@ -27,7 +32,7 @@ def outflow(state: Moved, body: Any, contents: Array) -> Array:
     """Rate of storage and outflow of every quantity, from the kernels."""
     call_balances(
         body.evaluate, body.cells, body.faces, body.metric, np.ascontiguousarray(contents), state.loads,
-        body.open_ends, body.fluxes, body.by_lower, body.by_upper, body.by_pressure, body.potentials,
+        body.ends, body.fluxes, body.by_lower, body.by_upper, body.by_pressure, body.by_current, body.potentials,
     )  # fmt: skip
     storage = body.widths * (contents - state.base) / DURATION
     return (storage + np.diff(body.fluxes[: len(contents)], axis=1)).ravel()
@@ -44,9 +49,9 @@ def condensed(matrix: Array, residual: Array, widths: Array, unknowns: int) -> t
 
 @pytest.mark.parametrize("ends", ENDS)
 @pytest.mark.parametrize("model", MODELS)
-def test_matrix_of_the_term_is_the_derivative_of_the_balances(model: str, ends: tuple[bool, bool]) -> None:
+def test_matrix_of_the_term_is_the_derivative_of_the_balances(model: str, ends: str) -> None:
     """Central differences of fourth order, each balance against its largest entry."""
-    state = moved(model, seed=1, open_ends=ends)
+    state = moved(model, seed=1, parts=ENDS[ends])
     body = state.column.body(state.J)
     equation = FluxTermEquation(state.column, body)
     equation.set_iterate(state.contents, state.base, state.loads)
@@ -69,11 +74,9 @@ def test_matrix_of_the_term_is_the_derivative_of_the_balances(model: str, ends: 
 @pytest.mark.parametrize("open_circuit", ["initial", "state"])
 @pytest.mark.parametrize("ends", ENDS)
 @pytest.mark.parametrize("model", MODELS)
-def test_stock_terms_have_the_same_matrix_residual_and_step(
-    model: str, ends: tuple[bool, bool], open_circuit: str
-) -> None:
+def test_stock_terms_have_the_same_matrix_residual_and_step(model: str, ends: str, open_circuit: str) -> None:
     """On a graded grid moved at random, each balance against its own largest entry."""
-    state = moved(model, seed=2, open_ends=ends, open_circuit=open_circuit)
+    state = moved(model, seed=2, parts=ENDS[ends], open_circuit=open_circuit)
     ours = FluxTermEquation(state.column, state.column.body(state.J))
     stock = StockTerms(state.column, state.J)
     for equation in (ours, stock):
@@ -117,7 +120,7 @@ def test_sweeps_converge_quadratically_to_the_solution_of_the_integrator(model: 
 @pytest.mark.parametrize("negated", [False, True])
 def test_sources_can_be_added(negated: bool) -> None:
     """Water that is injected into a shut column under a held pressure stays in its cells; on either side of ``==``."""
-    column = make_column("biphasic", cells=9, open_ends=(False, False))
+    column = make_column("biphasic", cells=9, parts=parts_with((False, False), ("insulating", "insulating")))
     J = column.initial_volume_ratio()
     mesh = column_mesh(column.grid)
     variable = contents_variable(mesh, column.contents(J, column.concentration))

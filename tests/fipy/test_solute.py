@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from fipy import CellVariable, CentralDifferenceConvectionTerm, DiffusionTerm, ImplicitSourceTerm, TransientTerm
 from fipy_columns import setup
-from integrations import equal_steps, make_column, make_control
+from integrations import equal_steps, make_column, make_control, parts_with
 from tissues import reference_tissue
 
 import fvswell
@@ -62,8 +62,8 @@ def test_decay_is_that_of_backward_euler_exactly() -> None:
 def _permeation_error(cells: int) -> float:
     """Largest error of the steady concentration in a stiff column that water is pressed through."""
     stiff = reference_tissue(youngs_modulus=1e5)
-    made = make_column("biphasic", stiff, cells, 1.0, open_ends=(True, True))
-    column = MovingColumn(setup(made, 1e7, equal_steps(2), filter_pressure=0.4))
+    made = make_column("biphasic", stiff, cells, 1.0, parts=parts_with((True, True)))
+    column = MovingColumn(setup(made, 1e7, equal_steps(2), filter_bath_pressure=0.4))
     mesh, drag, diffusivity = column.mesh, 0.6, 4e-4
     c = CellVariable(mesh=mesh, value=1.0, hasOld=True)
     c.constrain(1.0, mesh.facesLeft)

@@ -8,7 +8,17 @@ from integrations import make_control
 from reservoir import Reservoir, empty_reservoir, fill
 
 from fvswell.numerics.integrator import march
-from fvswell.numerics.loads import AMPLITUDE, FREQUENCY, Load, Protocol, make_protocol
+from fvswell.numerics.loads import (
+    AMPLITUDE,
+    FREQUENCY,
+    STRAIN,
+    Load,
+    Protocol,
+    Sine,
+    TableLoad,
+    finding,
+    make_protocol,
+)
 from fvswell.numerics.state import (
     BALANCE,
     COMPLETE,
@@ -168,16 +178,115 @@ def ramp() -> Protocol:
     return make_protocol([[Load(1.0)], [Load(2.0, 1.0)]], [END, END])
 
 
-def test_jumps_and_corners_are_hit_and_steps_restart_small_there() -> None:
-    control = make_control(tolerance=1e-2, first_step=1e-3)
-    _, record = fill(Reservoir(RATE), ramp(), control)
+def test_jumps_and_corners_are_hit() -> None:
+    """Steps start small where the load jumps; where it turns, as small as the tolerance is."""
+    for tolerance in (1e-4, 1e-6):
+        _, record = fill(Reservoir(RATE), ramp(), make_control(tolerance=tolerance, first_step=1e-5))
+        steps = record.steps[: record.filled[1]]
+        for corner in (END, END + 1.0, 2 * END):
+            assert np.abs(steps[:, 0] - corner).min() < 1e-14 * corner
+        starts = steps[:, 0] - steps[:, 1]
+        after = {corner: steps[np.abs(starts - corner).argmin(), 1] for corner in (0.0, END, END + 1.0)}
+        assert after[0.0] <= 1e-5
+        assert 10.0 * tolerance < after[END] == pytest.approx(after[END + 1.0], rel=1e-9)
+        assert after[END] < 100.0 * tolerance
+
+
+def test_the_error_stays_within_the_tolerance_behind_corners() -> None:
+    times = END + np.geomspace(1e-3, END, 60)
+    since = times - END
+    at_corner = 1.0 - np.exp(-RATE * END)
+    during = 1.0 + since - 1.0 / RATE + (at_corner - 1.0 + 1.0 / RATE) * np.exp(-RATE * since)
+    at_end = 2.0 - 1.0 / RATE + (at_corner - 1.0 + 1.0 / RATE) * np.exp(-RATE)
+    exact = np.where(since < 1.0, during, 2.0 + (at_end - 2.0) * np.exp(-RATE * (since - 1.0)))
+    for tolerance in (1e-3, 1e-5):
+        protocol = make_protocol([[Load(1.0)], [Load(2.0, 1.0)]], [END, END], times)
+        _, record = fill(Reservoir(RATE), protocol, make_control(tolerance=tolerance, expected_strain=1.0))
+        assert np.abs(record.contents[:60, 0, 0] - exact).max() < tolerance
+
+
+def test_many_small_corners_cost_a_step_each() -> None:
+    """A measured load of 2,000 points: as many steps, and none of its corners starts anew."""
+    times = np.linspace(0.0, END, 2001)
+    table = TableLoad(times, np.sin(2.0 * times))
+    _, record = fill(Reservoir(RATE), make_protocol([[table]], [END]), make_control(tolerance=1e-4))
+    assert record.filled[1] == pytest.approx(2000, rel=0.02)
+    state, _ = fill(Reservoir(RATE), make_protocol([[table]], [END]), make_control(tolerance=1e-4))
+    assert state.contents[0, 0] == pytest.approx(float(exact_sine(END)), abs=1e-6)  # the chords cut (2 dt)^2/8 off
+
+
+@pytest.mark.parametrize("period", [0.01, 0.7, 60.0])
+def test_a_sine_is_resolved_however_small_it_is(period: float) -> None:
+    """A thousandth of the strain at a tolerance of a thousandth: its amplitude and phase come out all the same."""
+    w, size = 2.0 * np.pi / period, 1e-3
+    end = 10.0 / RATE + 3.0 * period
+    times = np.linspace(end - period, end, 40)
+    protocol = make_protocol([[Load(1.0)], [Sine(1.0, size, period)]], [end, end], end + times)
+    _, record = fill(Reservoir(RATE), protocol, make_control(tolerance=1e-3, expected_strain=1.0), steps=20_000)
+    values = record.contents[:40, 0, 0]
+    kernel = np.stack([np.sin(w * times), np.cos(w * times), np.ones(40)], axis=1)
+    found = np.linalg.lstsq(kernel, values, rcond=None)[0]
+    response = size * RATE / (RATE + 1j * w)
+    assert found[0] + 1j * found[1] == pytest.approx(response, rel=2e-4)
+
+
+def test_whole_periods_end_where_they_began() -> None:
+    """The rounding that they end with is no jump."""
+    phases = [[Load(1.0)], [Load(0.0, 1.0)], [Sine(0.0, 1.0, 0.5)], [Load(0.0)]]
+    protocol = make_protocol(phases, [END] * 4)
+    _, record = fill(Reservoir(RATE), protocol, make_control(tolerance=1e-2, first_step=1e-9))
     steps = record.steps[: record.filled[1]]
-    for corner in (END, END + 1.0, 2 * END):
-        assert np.abs(steps[:, 0] - corner).min() < 1e-14 * corner
-    starts = steps[:, 0] - steps[:, 1]
-    for corner in (0.0, END, END + 1.0):
-        assert steps[np.abs(starts - corner).argmin(), 1] <= 1e-3
-    assert steps[:, 1].max() > 0.1
+    assert steps[steps[:, 0] > END * (1.0 + 1e-12), 1].min() > 1e-4
+
+
+# ---- phases that end on a rate ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-8])
+@pytest.mark.parametrize("rate", [1e-1, 1e-3])
+def test_a_phase_ends_when_its_rate_has_fallen(rate: float, tolerance: float) -> None:
+    """The load stands after a ramp of 1 s, and what follows falls as exp(-RATE t)."""
+    protocol = finding(make_protocol([[Load(1.0, 1.0)]], [1e3]), [rate], [STRAIN])
+    state, record = fill(Reservoir(RATE), protocol, make_control(tolerance=tolerance, expected_strain=1.0))
+    assert state.counts[STATUS] == COMPLETE
+    left = (1.0 - np.exp(-RATE)) / RATE  # at the end of the ramp
+    exact = 1.0 + np.log(RATE * left / rate) / RATE
+    # an error of the rate, some tolerance in a step, shifts the time by that over its slope, RATE times the rate there
+    assert protocol.duration[0] == pytest.approx(exact, abs=30.0 * tolerance / (RATE * rate))
+    assert protocol.end[-1] == protocol.duration[0]
+    assert record.steps[: record.filled[1], 0].max() < protocol.duration[0]
+
+
+def test_phases_after_one_that_ended_on_a_rate_start_from_there() -> None:
+    phases = [[Load(1.0)], [Load(0.0)], [Load(1.0)]]
+    protocol = finding(make_protocol(phases, [1e3, 2.0, 1e3]), [0.1, np.nan, 0.01], [STRAIN] * 3)
+    state, _ = fill(Reservoir(RATE), protocol, make_control(tolerance=1e-8, expected_strain=1.0))
+    first = np.log(RATE / 0.1) / RATE
+    start = (1.0 - np.exp(-RATE * first)) * np.exp(-RATE * 2.0)
+    np.testing.assert_allclose(protocol.duration, [first, 2.0, np.log(RATE * (1.0 - start) / 0.01) / RATE], rtol=1e-5)
+    assert state.counts[STATUS] == COMPLETE
+
+
+def test_a_rate_that_is_never_that_low_leaves_the_longest_duration() -> None:
+    protocol = finding(make_protocol([[Load(1.0)], [Load(0.0)]], [2.0, 1e3]), [1e-3, 1e-3], [STRAIN] * 2)
+    fill(Reservoir(RATE), protocol, make_control(tolerance=1e-6, expected_strain=1.0))
+    assert protocol.duration[0] == 2.0
+    assert np.isfinite(protocol.until[0])
+    assert np.isnan(protocol.until[1])
+
+
+def test_a_rate_that_is_that_low_when_the_load_stops_ends_the_phase_there() -> None:
+    protocol = finding(make_protocol([[Load(1.0, 100.0)], [Load(0.0)]], [1e3, 1e3]), [0.5, 1e-3], [STRAIN] * 2)
+    fill(Reservoir(RATE), protocol, make_control(tolerance=1e-8, expected_strain=1.0))
+    left = (1.0 - np.exp(-RATE * 100.0)) / RATE / 100.0
+    assert protocol.duration == pytest.approx([100.0, np.log(RATE * (1.0 - left) / 1e-3) / RATE], rel=1e-5)
+
+
+def test_a_phase_in_which_nothing_changes_is_found_to_last_no_time() -> None:
+    protocol = finding(make_protocol([[Load(1.0)], [Load(1.0)]], [40.0, 1e3]), [np.nan, 1e-3], [STRAIN] * 2)
+    state, _ = fill(Reservoir(RATE), protocol, make_control())
+    assert protocol.duration[1] == 0.0
+    assert state.counts[STATUS] == COMPLETE
 
 
 @pytest.mark.parametrize("name", SCHEMES)

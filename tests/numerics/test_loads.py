@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fvswell.numerics.loads import Load, Protocol, load_slope, load_value, make_protocol
+from fvswell.numerics.loads import Load, Protocol, Sine, TableLoad, load_slope, load_value, make_protocol
 
 # one load steps to 1 and ramps to 3 over 4 s in the second phase; the other ramps to 2 over 5 s and is then found
 PROTOCOL = make_protocol([[Load(1.0), Load(2.0, 5.0)], [Load(3.0, 4.0), None]], [10.0, 8.0])
@@ -76,3 +76,53 @@ def test_relative_durations_end_the_run_with_the_last_of_them() -> None:
     protocol = make_protocol(loads, [1e5, 1e5, 50.0], multiple=[1.5, np.nan, np.nan], equilibrium_strain=[0.2, 0, 0])
     assert protocol.last_phase == 0
     assert make_protocol(loads, [1.0, 1.0, 1.0]).last_phase == 2
+
+
+def values_over(protocol: Protocol, load: int, times: np.ndarray, start: float) -> np.ndarray:
+    """Values of a load in the first phase."""
+    starts = np.full(protocol.table.shape[1], start)
+    return np.array([load_value(protocol.table, segment_at(protocol, 0, t), load, t, starts) for t in times])
+
+
+def test_a_table_is_linear_between_its_points_and_stays_at_the_last() -> None:
+    knots, values = np.array([0.0, 1.0, 2.5, 7.0]), np.array([0.4, -1.0, 2.0, 0.5])
+    protocol = make_protocol([[TableLoad(knots, values), Load(1.0, 3.0)]], [10.0])
+    assert protocol.end.tolist() == [1.0, 2.5, 3.0, 7.0, 10.0]
+    times = np.linspace(0.0, 10.0, 101)
+    np.testing.assert_allclose(values_over(protocol, 0, times, 9.0), np.interp(times, knots, values), atol=1e-15)
+    np.testing.assert_allclose(values_over(protocol, 1, times, 0.2), np.interp(times, [0.0, 3.0], [0.2, 1.0]))
+
+
+def test_a_table_that_begins_later_is_reached_on_a_ramp() -> None:
+    table = make_protocol([[TableLoad(np.array([4.0]), np.array([3.0]))]], [10.0])
+    ramp = make_protocol([[Load(3.0, 4.0)]], [10.0])
+    for one, other in zip(table, ramp, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_points_of_a_straight_line_make_no_corners() -> None:
+    """A ramp and a hold as a machine samples them."""
+    times = np.linspace(0.0, 10.0, 1001)
+    protocol = make_protocol([[TableLoad(times, np.minimum(times, 4.0) / 4.0)]], [10.0])
+    np.testing.assert_allclose(protocol.end, [4.0, 10.0])
+    at = np.linspace(0.0, 10.0, 77)
+    np.testing.assert_allclose(values_over(protocol, 0, at, 0.0), np.minimum(at, 4.0) / 4.0, atol=1e-14)
+
+
+def test_a_table_of_one_point_at_the_start_is_a_step() -> None:
+    protocol = make_protocol([[TableLoad(np.array([0.0]), np.array([3.0]))]], [10.0])
+    assert protocol.end.tolist() == [10.0]
+    assert load_value(protocol.table, 0, 0, 0.0, START) == 3.0
+    assert load_slope(protocol.table, 0, 0, 0.0, START) == 0.0
+
+
+def test_a_sine_load_swings_about_its_mean_and_limits_the_step() -> None:
+    protocol = make_protocol([[Sine(1.0, 0.2, 4.0), Load(1.0)], [Load(0.0), Load(0.0)]], [10.0, 5.0])
+    assert load_value(protocol.table, 0, 0, 1.0, START) == pytest.approx(1.2, rel=1e-15)
+    assert load_value(protocol.table, 0, 0, 3.0, START) == pytest.approx(0.8, rel=1e-15)
+    assert protocol.longest_step.tolist() == [4.0 / 12.0, np.inf]
+
+
+def test_how_far_loads_go() -> None:
+    protocol = make_protocol([[Load(1.0, 2.0), Sine(1.0, 0.5, 1.0), None], [Load(-2.0), Load(3.0), None]], [9.0, 9.0])
+    np.testing.assert_array_equal(protocol.extent, [3.0, 2.5, 0.0])

@@ -7,16 +7,17 @@ import pytest
 from tissues import BATH, point_of, random_tissue, reference_tissue
 
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
-from fvswell.physics.fibre_directions import one_direction
+from fvswell.physics.fibre_directions import IsotropicDirections, one_direction
 from fvswell.physics.fibre_laws import PowerFibres
 from fvswell.physics.fibres import FibreFamily, with_fibres
-from fvswell.physics.osmotic import OSMOTIC_LAWS
+from fvswell.physics.osmotic import OSMOTIC_LAWS, osmotic_pressure_difference
 from fvswell.physics.permeability import PERMEABILITIES, hydraulic_permeability
 from fvswell.physics.reference_state import equilibrated_tissue, stress_free_tissue
-from fvswell.physics.solids import SOLIDS
+from fvswell.physics.solids import SOLIDS, uniaxial_stress
 from fvswell.physics.tissue import fixed_charge_density, fluid_fraction
 
 POINTS = 60
+AXIAL = one_direction(90.0)
 LAWS = [
     *({"solid": solid} for solid in SOLIDS),
     *({"permeability": law} for law in PERMEABILITIES),
@@ -75,6 +76,22 @@ def test_fibres_hold_the_sample_nearer_to_its_stress_free_state() -> None:
     (_, plain), (found, J) = (stress_free_tissue(part, BATH) for part in (tissue, reinforced))
     assert 1.0 < J < plain
     assert equilibrium_volume_ratio(found, 0.0, BATH) == pytest.approx(float(J), rel=1e-12)
+
+
+def test_fibres_that_overflow_when_they_are_stretched_far() -> None:
+    """exp(50 (I - 1)^2) is more than a float holds from I = 4.8 on, which a search for the equilibrium may pass."""
+    tissue = reference_tissue(osmotic="activity", youngs_modulus=1e-4)
+    fibres = [FibreFamily(directions, PowerFibres(0.01, 50.0, 2.0)) for directions in (IsotropicDirections(), AXIAL)]
+    for families in (fibres[:1], fibres[1:], fibres):
+        reinforced = tissue._replace(solid=with_fibres(tissue.solid, families))
+        J = equilibrium_volume_ratio(reinforced, 0.0, np.array([1e-5, BATH]))
+        assert np.all((J > 1.05) & (J < 1.5))
+        stress = uniaxial_stress(reinforced.solid, J, 0.8)
+        np.testing.assert_allclose(
+            stress, osmotic_pressure_difference(reinforced, J, np.array([1e-5, BATH])), rtol=1e-9
+        )
+        found, swollen = stress_free_tissue(reinforced, BATH)
+        assert equilibrium_volume_ratio(found, 0.0, BATH) == pytest.approx(float(swollen), rel=1e-12)
 
 
 def test_a_point_does_not_depend_on_the_others() -> None:

@@ -17,7 +17,7 @@ from fvswell.physics.constants import FARADAY, GAS_CONSTANT
 from fvswell.physics.models import MODELS
 from fvswell.physics.solids import uniaxial_stress
 from fvswell.physics.tissue import Array, Tissue
-from fvswell.results.fields import FIELDS
+from fvswell.results.fields import field
 
 SMALL = {"geometry__cells": 24, "time__steps_per_phase": 8}
 CONTROLLED = {"geometry__cells": 24} | CONTROL
@@ -62,7 +62,9 @@ def test_fields_have_their_units_and_are_finite(model: str, protocol: str) -> No
     assert result.attrs["run_status"] == "complete"
     for name, values in result.data_vars.items():
         if name != "x_bounds":
-            assert {"units": values.units, "long_name": values.long_name}.items() <= FIELDS[name].attributes.items()
+            assert {"units": values.units, "long_name": values.long_name}.items() <= field(
+                name, per_area=True
+            ).attributes.items()
         assert np.isfinite(values).all(), name
     assert np.all(np.diff(result["time"]) > 0.0)
     assert ("anion_flux" in result) == (model == "electrochemical")
