@@ -289,3 +289,159 @@ def _progress_line(progress: FitProgress) -> str:
         f"{progress.stage}: {progress.runs} parameter sets, {progress.elapsed:.0f} s, misfit "
         f"{progress.misfit:.4g} of the noise or size"
     )
+
+
+@app.command()
+@reported_errors
+def data(
+    file: Annotated[
+        Path, typer.Argument(metavar="DATA", help="A data file: text with columns, or of a Mach-1 tester.")
+    ],
+    time_column: Annotated[
+        str | None, typer.Option("--time", metavar="COLUMN", help="Column with the times; the first without it.")
+    ] = None,
+    drive: Annotated[
+        str | None, typer.Option(metavar="COLUMN", help="Column with what was controlled, such as the position.")
+    ] = None,
+    value: Annotated[
+        str | None, typer.Option(metavar="COLUMN", help="Column with what was measured, such as the force.")
+    ] = None,
+    height: Annotated[str | None, typer.Option(metavar='"1.5 mm"', help="Thickness of the sample.")] = None,
+    radius: Annotated[
+        str | None, typer.Option(metavar='"2.4 mm"', help="Radius of a disc in unconfined compression.")
+    ] = None,
+    output: Directory = None,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Show what a data file holds, and begin a case and a fit file for it.
+
+    Prints its columns and the ramps and holds of its drive; writes a figure, case.toml and fit.toml to DIR.
+    """
+    import os
+
+    from fvswell.case.case import Case
+    from fvswell.fitting.data import read_data
+    from fvswell.fitting.results import write_text
+    from fvswell.fitting.starter import recording_of, starter_case, starter_fit
+    from fvswell.reporting.data_report import about_lines, column_table, data_figure, stage_table
+    from fvswell.reporting.plots import save_figure
+    from fvswell.results.file import refuse_existing
+
+    sizes = _sizes({"--height": height, "--radius": radius})
+    directory = output_directory(file, output)
+    case_path, fit_path, *figures = (directory / name for name in ("case.toml", "fit.toml", "data.png", "data.pdf"))
+    refuse_existing([case_path, fit_path, *figures], force)
+    read = read_data(file)
+    recording = recording_of(read, time_column, drive, value)
+    case_text = starter_case(recording, *sizes)
+    Case.from_toml(case_text, str(case_path))
+    console = Console(quiet)
+    console.lines(*about_lines(read), "")
+    console.table(column_table(read))
+    console.lines("")
+    if recording.stages:
+        console.table(stage_table(recording))
+    else:
+        console.lines(f"{recording.drive} is no row of ramps and holds: the case takes it as it was recorded")
+    for path in figures:
+        save_figure(data_figure(recording), path)
+    write_text(case_path, case_text)
+    relative = os.path.relpath(file.absolute(), directory.absolute())
+    write_text(fit_path, starter_fit(recording, case_path.name, relative, sizes[1]))
+    console.lines("", *(f"wrote {path}" for path in (case_path, fit_path, *figures)))
+    console.lines(f"try: fvswell check {case_path}, fvswell fit {fit_path}, once both say what the sample was")
+
+
+def _sizes(given: dict[str, str | None]) -> tuple[float | None, float | None]:
+    """Height and radius, mm."""
+    from fvswell.case.values import Quantity
+    from fvswell.units import number_or_text
+
+    found: list[float | None] = []
+    problems = []
+    for name, text in given.items():
+        try:
+            found.append(None if text is None else Quantity("length", above=0.0).number(number_or_text(text)))
+        except ValueError as error:
+            problems.append(Problem(name, str(text), str(error)))
+    if problems:
+        raise CaseError(problems, "data")
+    return found[0], found[1]
+
+
+@app.command()
+@reported_errors
+def plan(
+    case_files: Annotated[list[Path], typer.Argument(metavar="CASE...", help="Candidate protocols, as cases.")],
+    parameters: Annotated[
+        list[str] | None,
+        typer.Option("--parameter", metavar="KEY[=LOW..HIGH]", help="What is to be found. May be given many times."),
+    ] = None,
+    quantities: Annotated[
+        list[str] | None,
+        typer.Option("--quantity", metavar="NAME", help="What is measured: a history of the result. Many times."),
+    ] = None,
+    noise: Annotated[
+        list[str] | None,
+        typer.Option("--noise", metavar='"1 kPa"', help="Standard deviation of the noise of each quantity."),
+    ] = None,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=V1,V2,...", help="Values to try in every case, such as ramp times. Many times."),
+    ] = None,
+    every: Annotated[
+        str | None, typer.Option(metavar='"1 s"', help="Time between points; 200 points of each protocol without it.")
+    ] = None,
+    budget: Annotated[str | None, typer.Option(metavar='"2 h"', help="Time that there is for experiments.")] = None,
+    confidence: Annotated[float, typer.Option(min=0.01, max=0.999, help="Of the intervals.")] = 0.9,
+    settings: Settings = None,
+    processes: Processes = None,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Directory to write to.")] = Path(
+        "output/plan"
+    ),
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Find which experiment tells most about which parameters, before it is done.
+
+    Prints the intervals that a fit would reach in each protocol, and writes plan.csv and a figure to DIR.
+    """
+    from fvswell.fitting.candidates import candidate_problems, read_variation, varied_cases
+    from fvswell.fitting.planning import plan as make_plan
+    from fvswell.fitting.schema import ParameterTable
+    from fvswell.reporting.plan_report import plan_figure, plan_lines, plan_table, write_plan
+    from fvswell.reporting.plots import save_figure
+    from fvswell.results.file import refuse_existing
+    from fvswell.units import number_or_text, parse
+
+    missing = {"--parameter": parameters, "--quantity": quantities, "--noise": noise}
+    problems = [Problem(name, "", "missing; must be given") for name, given in missing.items() if not given]
+    if len(quantities or []) != len(noise or []) and not problems:
+        problems.append(Problem("--noise", ", ".join(noise or []), "must be given once for each --quantity"))
+    times: dict[str, float | None] = {}
+    for name, text in (("--every", every), ("--budget", budget)):
+        try:
+            times[name] = None if text is None else parse(number_or_text(text), "time")
+        except ValueError as error:
+            problems.append(Problem(name, str(text), str(error)))
+    if problems:
+        raise CaseError(problems, "plan")
+    table, *figures = (output / name for name in ("plan.csv", "plan.png", "plan.pdf"))
+    refuse_existing([table, *figures], force)
+    sought = [ParameterTable.model_validate(_parameter(text)) for text in parameters or []]
+    cases = {path.stem: read_case(path, settings) for path in case_files}
+    candidates = varied_cases(cases, [read_variation(text) for text in vary or []])
+    planned = candidate_problems(candidates, sought, quantities or [], noise or [], times["--every"], confidence)
+    console = Console(quiet)
+    console.lines(
+        f"{len(planned)} protocols, {', '.join(each.name for each in sought)} from {', '.join(quantities or [])}"
+    )
+    with _reported_interruption(), _fit_progress(console) as report:
+        found = make_plan(planned, times["--budget"] or float("inf"), processes, report)
+    for path in figures:
+        save_figure(plan_figure(found), path)
+    write_plan(table, found)
+    console.lines("")
+    console.table(plan_table(found))
+    console.lines("", *plan_lines(found, confidence), *(f"wrote {path}" for path in (table, *figures)))

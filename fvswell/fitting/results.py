@@ -22,7 +22,7 @@ from fvswell.version import __version__
 if TYPE_CHECKING:
     import netCDF4
 
-__all__ = ["FILES", "best_case_paths", "summary", "write_fit"]
+__all__ = ["FILES", "best_case_paths", "summary", "write_fit", "write_text"]
 
 FILES = ("fit.nc", "fit.json", "parameters.csv", "curves.csv", "profiles.csv")
 _COMMENT = (
@@ -52,14 +52,14 @@ def write_fit(directory: Path, result: FitResult, models: tuple[ModelFit, ...] =
         with part.writing():
             pass
         part.finish()
-    _write_text(paths[1], json.dumps(summary(result, models), indent=2, ensure_ascii=False) + "\n")
+    write_text(paths[1], json.dumps(summary(result, models), indent=2, ensure_ascii=False) + "\n")
     write_table(paths[2], _PARAMETER_HEADER, parameter_rows(result))
     write_table(paths[3], _CURVE_HEADER, _curve_rows(result))
     header = ["parameter", "value", "ratio", "quantile", *result.problem.parameters.names]
     write_table(paths[4], header, _profile_rows(result))
     cases = best_case_paths(directory, result)
     for name, path in cases.items():
-        _write_text(path, result.cases[name].to_toml())
+        write_text(path, result.cases[name].to_toml())
     return [*paths, *dict.fromkeys(cases.values())]
 
 
@@ -212,7 +212,14 @@ def _finite(content: Any) -> Any:
     return content.item() if isinstance(content, np.generic) else content
 
 
-def _write_text(path: Path, text: str) -> None:
+def write_text(path: Path, text: str) -> None:
+    """Write a text under a temporary name, and give it its own.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         new = path.with_name(path.name + ".new")

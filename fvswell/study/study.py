@@ -229,8 +229,9 @@ def number_at(content: Any, key: str) -> float:
     """The number under a dotted key of the content of a case, nan if there is none."""
     for part in key.split("."):
         if isinstance(content, list):
-            named = [item for item in content if item["name"] == part]
-            content = named[0] if named else content[int(part)]
+            named = [item for item in content if item.get("name") == part]
+            index = int(part) if part.isdecimal() else len(content)
+            content = named[0] if named else content[index] if index < len(content) else None
         else:
             content = content.get(part) if isinstance(content, Mapping) else None
     return float(content) if isinstance(content, int | float) else math.nan
