@@ -284,6 +284,18 @@ class _PlainProgress:
             self.console.lines(_progress_line(progress))
 
 
+def _planned_progress(console: Console) -> Callable[[FitProgress], None]:
+    """What a plan reports to: a line for each protocol."""
+    seen: list[str] = []
+
+    def report(progress: FitProgress) -> None:
+        if progress.stage not in seen:
+            seen.append(progress.stage)
+            console.lines(f"{len(seen)}: {progress.stage}")
+
+    return report
+
+
 def _progress_line(progress: FitProgress) -> str:
     return (
         f"{progress.stage}: {progress.runs} parameter sets, {progress.elapsed:.0f} s, misfit "
@@ -437,7 +449,8 @@ def plan(
     console.lines(
         f"{len(planned)} protocols, {', '.join(each.name for each in sought)} from {', '.join(quantities or [])}"
     )
-    with _reported_interruption(), _fit_progress(console) as report:
+    with _reported_interruption():
+        report = None if quiet else _planned_progress(console)
         found = make_plan(planned, times["--budget"] or float("inf"), processes, report)
     for path in figures:
         save_figure(plan_figure(found), path)

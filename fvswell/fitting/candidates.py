@@ -48,7 +48,8 @@ def varied_cases(cases: Mapping[str, Case], variations: Sequence[tuple[str, Sequ
     for name, case in cases.items():
         for values in product(*(each for _, each in variations)):
             changes = dict(zip((key for key, _ in variations), values, strict=True))
-            label = ", ".join([name, *(f"{_short(key)} {value}" for key, value in changes.items())])
+            told = [] if len(cases) == 1 and changes else [name]
+            label = ", ".join([*told, *(f"{_short(key)} {value}" for key, value in changes.items())])
             try:
                 found[label] = case.with_changes(changes) if changes else case
             except CaseError as error:

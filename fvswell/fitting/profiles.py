@@ -121,8 +121,9 @@ class _Walk:
             inner, root = (away[first - 1], roots[first - 1]) if first else (0.0, 0.0)
             share = (target - root) / (roots[first] - root)
             distance = inner + float(np.clip(share, 0.1, 0.9)) * (away[first] - inner)
-        half = 0.5 * min(abs(points[-1][0][index] - centre[index]), room)
-        if len(points) < 3 and half > 0.0:  # so that a figure shows the shape
+        # so that a figure shows the shape; a profile that bends is no parabola
+        half = 0.5 * abs(points[-1][0][index] - centre[index])
+        if min(abs(point[0][index] - centre[index]) for point in points) > 1.2 * half:
             points.append(self.point(index, centre[index] + sign * half, points))
         return sorted(points, key=lambda point: abs(point[0][index] - centre[index]))
 

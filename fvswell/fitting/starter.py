@@ -1,4 +1,4 @@
-"""A case and a fit file to begin with, from a data file: what was done is in the phases, what was measured the curve."""
+"""A case and a fit file to begin with, from a data file: what was done gives phases, what was measured the curve."""
 
 from __future__ import annotations
 

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from fvswell.fitting.fit import FitResult
+from fvswell.fitting.parameters import Parameters
 from fvswell.physics.tissue import Array
 from fvswell.reporting.plots import PAGE_WIDTH, axis_label, handy_time, in_print_style, print_unit
 from fvswell.reporting.reports import words
@@ -23,6 +24,9 @@ _DATA, _CURVE, _BAND, _LIMIT = "0.35", "#0072B2", "#56B4E9", "#D55E00"
 _COLUMNS = 3
 _POINTS = 200  # of a drawn ellipse
 _MOST_DRAWN = 2000  # points of a data set
+_PRINT_UNITS = {  # internal unit of a parameter: factor, unit in print
+    "mm^4/(N s)": (1.0, "mm⁴ N⁻¹ s⁻¹"), "mmol/mm^3": (1e3, "M"), "mm^2/s": (1.0, "mm² s⁻¹"),
+}  # fmt: skip
 
 
 def fit_figures(result: FitResult) -> dict[str, Figure]:
@@ -98,11 +102,16 @@ def profiles_figure(result: FitResult) -> Figure:
         panel.axhline(profile.quantile, color=_LIMIT, linewidth=0.8)
         for end in (profile.low, profile.high):
             if np.isfinite(end):
-                panel.axvline(end, color=_LIMIT, linewidth=0.6, linestyle=(0, (1, 1.5)))
+                panel.axvline(
+                    end * _print_factor(parameters, index),
+                    color=_LIMIT,
+                    linewidth=0.6,
+                    linestyle=(0, (1, 1.5)),
+                )
         panel.set_ylim(-0.05 * profile.quantile, 1.8 * profile.quantile)
         panel.set_xlabel(_label(result, index))
-        panel.xaxis.set_major_locator(MaxNLocator(4))
-        panel.set_ylabel("squares above the least/variance" if index % columns == 0 else "")
+        _plain_ticks(panel.xaxis)
+        panel.set_ylabel("likelihood ratio" if index % columns == 0 else "")
     panels.flat[0].legend(loc="upper center")
     return figure
 
@@ -121,9 +130,10 @@ def pairs_figure(result: FitResult) -> Figure:
                 panel.set_axis_off()
                 continue
             if result.samples is not None:
-                drawn = result.samples.values[:: max(len(result.samples.values) // _MOST_DRAWN, 1)]
-                panel.plot(drawn[:, column], drawn[:, row], linestyle="none", marker="o", markersize=1.2, alpha=0.3,
-                           markeredgewidth=0.0, color=_DATA, zorder=1)  # fmt: skip
+                few = result.samples.values[:: max(len(result.samples.values) // _MOST_DRAWN, 1)]
+                drawn = [few[:, i] * _print_factor(parameters, i) for i in (column, row)]
+                panel.plot(*drawn, linestyle="none", marker="o", markersize=1.2, alpha=0.3, markeredgewidth=0.0,
+                           color=_DATA, zorder=1)  # fmt: skip
             ellipse = _ellipse(
                 best.covariance[np.ix_([column, row], [column, row])], result.problem.settings.confidence
             )
@@ -131,11 +141,12 @@ def pairs_figure(result: FitResult) -> Figure:
                 x, y = best.coordinates[[column, row]][:, None] + ellipse
                 panel.plot(_values(parameters, column, x), _values(parameters, row, y), color=_CURVE, linewidth=0.9)
             for profile in (each for i, each in enumerate(result.profiles) if i in (row, column)):
-                values = parameters.values(profile.coordinates)
-                panel.plot(values[:, column], values[:, row], color=_LIMIT, linewidth=0.8, marker="o", markersize=1.8)
-            panel.plot(best.values[column], best.values[row], color="black", marker="+", markersize=6, linestyle="none")
-            panel.xaxis.set_major_locator(MaxNLocator(4))
-            panel.yaxis.set_major_locator(MaxNLocator(4))
+                ways = [_values(parameters, i, profile.coordinates[:, i]) for i in (column, row)]
+                panel.plot(*ways, color=_LIMIT, linewidth=0.8, marker="o", markersize=1.8)
+            centre = [_values(parameters, i, best.coordinates[i]) for i in (column, row)]
+            panel.plot(*centre, color="black", marker="+", markersize=6, linestyle="none")
+            _plain_ticks(panel.xaxis)
+            _plain_ticks(panel.yaxis)
             panel.tick_params(labelbottom=row == count - 1, labelleft=column == 0)
             if row == count - 1:
                 panel.set_xlabel(_label(result, column))
@@ -178,10 +189,23 @@ def _smooth(own: Array, ratio: Array, at: Array, centre: float) -> Array:
     return smooth
 
 
-def _values(parameters: Any, index: int, coordinates: Array) -> Array:
-    return np.exp(coordinates) if parameters.free[index].log else coordinates
+def _values(parameters: Parameters, index: int, coordinates: Array) -> Array:
+    """Values of a parameter in the unit in print."""
+    values = np.exp(coordinates) if parameters.free[index].log else coordinates
+    return _print_factor(parameters, index) * values
+
+
+def _print_factor(parameters: Parameters, index: int) -> float:
+    return _PRINT_UNITS.get(parameters.free[index].unit, (1.0, ""))[0]
+
+
+def _plain_ticks(axis: Any) -> None:
+    """Few ticks, each with its whole number: a power of ten beside the axis would run into its label."""
+    axis.set_major_locator(MaxNLocator(4))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.4g}"))
 
 
 def _label(result: FitResult, index: int) -> str:
     parameter = result.problem.parameters.free[index]
-    return f"{words(parameter.name)} ({parameter.unit})" if parameter.unit else words(parameter.name)
+    unit = _PRINT_UNITS.get(parameter.unit, (1.0, parameter.unit))[1]
+    return f"{words(parameter.name)} ({unit})" if unit else words(parameter.name)
