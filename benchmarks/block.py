@@ -28,7 +28,6 @@ from scipy.sparse.linalg import splu
 
 import fvswell
 from fvswell.block.block import Block, Interval
-from fvswell.block.edges import edge_loads
 from fvswell.block.linearisation import Linearisation
 from fvswell.block.make_block import unknown_places
 from fvswell.numerics.sparse_lu import DirectSolver
@@ -80,13 +79,13 @@ def whole(side: int) -> list[float]:
 def timings(side: int) -> dict[str, float]:
     """Seconds of the parts of an iteration on a square grid of cells, and the peak of memory in MB."""
     setup = BlockRun(fvswell.load_case(CASE).with_changes({"geometry.cells": [side, side]}))
-    block, state, names = setup.block, setup.state, setup.body.load_names
-    unloaded = edge_loads(names, np.full(len(names), np.nan))
-    interval, unknowns, pattern = Interval(state.contents, DURATION, 5e-5, unloaded), state.unknowns, block.pattern
+    block, state = setup.block, setup.state
+    loads = block.unloaded._replace(bath_concentration=np.full(len(block.parts), 5e-5))
+    interval, unknowns, pattern = Interval(state.contents, DURATION, loads), state.unknowns, block.pattern
     evaluated = block.evaluate(unknowns, interval)
 
     def jacobian() -> np.ndarray:
-        return block.jacobian(block.local_derivatives(evaluated, DURATION), unloaded) * block.entry_scale
+        return block.jacobian(block.local_derivatives(evaluated, DURATION), loads) * block.entry_scale
 
     values, right = jacobian(), evaluated.residual / block.residual_scale
     repeats = 9 if side <= 40 else 3
@@ -116,7 +115,7 @@ def direct(method: str, block: Block, values: np.ndarray, right: np.ndarray, rep
     """Seconds of our own solver by one of its methods."""
     os.environ["FVSWELL_SPARSE_SOLVER"] = method
     pattern = block.pattern
-    places = unknown_places(block.grid, block.degrees_of_freedom, len(block.balances))
+    places = unknown_places(block.grid, block.degrees_of_freedom, block.outside, len(block.balances))
     found = {"analysis": fastest(lambda: DirectSolver(pattern.rows, pattern.columns, places), 1)}
     solver = DirectSolver(pattern.rows, pattern.columns, places)
     found["factors"] = fastest(lambda: solver.factorise(values), repeats)

@@ -12,28 +12,37 @@ from tissues import BATH, reference_tissue
 
 from fvswell.block.block import Block, Interval
 from fvswell.block.body import BlockBody
-from fvswell.block.edges import EdgeCondition, EdgeLoads
 from fvswell.block.equilibrium import equilibrated_body
 from fvswell.block.grid import BlockGrid, shaped_block_grid
 from fvswell.block.make_block import make_block
 from fvswell.block.march import march_block
 from fvswell.block.newton import Newton, NewtonResult
+from fvswell.block.outside import Beyond
+from fvswell.block.part_loads import PartLoads
+from fvswell.boundary.parts import Part
 from fvswell.numerics.loads import Load, Protocol, make_protocol
 from fvswell.numerics.state import COMPLETE, STATUS, Control, Record, State, record_room, workspace
 from fvswell.physics.models import Model
 from fvswell.physics.tissue import Array, Tissue
 
+Parts = dict[str, Part]
+
+
+def part(edge: str, mechanical: Any, name: str = "", **conditions: Any) -> Parts:
+    """A part of an edge, by default the whole of it, by its name; grounded if it is open, unless said otherwise."""
+    usual = {"electrical": "grounded"} if conditions.get("open") else {}
+    own = name or edge
+    return {own: Part(own, mechanical, edge=edge, **(usual | conditions))}
+
+
 # the 2D case of Wilson et al. (2005): glued below, symmetric on the left, draining on the right, under a plate
-GLUED = {
-    "left": EdgeCondition("roller"),
-    "right": EdgeCondition("free", permeable=True),
-    "bottom": EdgeCondition("fixed"),
-    "top": EdgeCondition("straight"),
-}
-UNCONFINED = GLUED | {"bottom": EdgeCondition("roller")}
-FREE = UNCONFINED | {"top": EdgeCondition("free", permeable=True)}
-CLAMPED = dict.fromkeys(("left", "right", "bottom", "top"), EdgeCondition("fixed", permeable=True))
-CLAMPED_DISC = CLAMPED | {"left": EdgeCondition("roller")}
+GLUED = part("left", "roller") | part("right", "free", open=True) | part("bottom", "fixed") | part("top", "straight")
+UNCONFINED = GLUED | part("bottom", "roller")
+FREE = UNCONFINED | part("top", "free", open=True)
+CLAMPED = {edge: part(edge, "fixed", open=True)[edge] for edge in GLUED}
+CLAMPED_DISC = CLAMPED | part("left", "roller")
+CONFINED = part("left", "roller") | part("right", "roller") | part("bottom", "fixed", open=True)
+CONFINED |= part("top", "straight")
 NAN = np.nan
 
 
@@ -55,28 +64,36 @@ def rough_grid(kind: str, columns: int = 5, rows: int = 4, seed: int = 3) -> Blo
 
 
 def uniform_block(
-    grid: BlockGrid, edges: dict[str, EdgeCondition], model: Model, tissue: Tissue | None = None,
+    grid: BlockGrid, parts: Parts, model: Model, tissue: Tissue | None = None,
     concentration: float = BATH, ratio: float | None = None, **options: Any,
 ) -> Block:  # fmt: skip
     """A block of reference tissue, the same everywhere; with k_open/k held at ``ratio``, if given."""
     own = model.tissue(reference_tissue() if tissue is None else tissue)
-    block = make_block(grid, edges, model, own, own, own, concentration, **options)
+    block = make_block(grid, tuple(parts.values()), model, own, own, own, concentration, **options)
     return block if ratio is None else block.with_open_circuit_ratio(ratio)
 
 
-def edge_values(**loads: float) -> EdgeLoads:
-    """Loads of the edges, as left=..., top=... with a kind behind ``__``; what is not named carries none."""
-    pressure, force, displacement = np.zeros(4), np.zeros(4), np.full(4, NAN)
-    values = {"pressure": pressure, "force": force, "displacement": displacement}
+def acting(block: Block, bath: float = BATH, **loads: float) -> PartLoads:
+    """Loads by name, with ``__`` for the dot, on a block in a bath; what is not named carries none."""
+    names = [part.name for part in block.parts]
+    values = {kind: list(array) for kind, array in block.unloaded._asdict().items()}
+    values["bath_concentration"] = [bath] * len(names)
     for name, value in loads.items():
-        edge, kind = name.split("__")
-        values[kind][("left", "right", "bottom", "top").index(edge)] = value
-    return EdgeLoads(pressure, force, displacement)
+        own, kind = name.split("__")
+        values[kind][names.index(own)] = value
+    return PartLoads(**{kind: np.array(array, dtype=float) for kind, array in values.items()})
+
+
+def beyond(block: Block, vertices: Array) -> Beyond:
+    """Values of the potentials at the vertices ``(balances, vertices)`` in place of those of the baths."""
+    maps = (block.diamonds.across_outside, block.diamonds.along_outside)
+    across, along = (np.ascontiguousarray((part @ vertices.T).T) for part in maps)
+    return Beyond(across, along, np.log(BATH))
 
 
 def no_time(block: Block, bath: float = BATH, **loads: float) -> Interval:
     """An interval of no length, from nothing."""
-    return Interval(np.zeros((len(block.balances), block.grid.cells)), 0.0, bath, edge_values(**loads))
+    return Interval(np.zeros((len(block.balances), block.grid.cells)), 0.0, acting(block, bath, **loads))
 
 
 def random_unknowns(block: Block, seed: int = 5) -> Array:
@@ -87,6 +104,7 @@ def random_unknowns(block: Block, seed: int = 5) -> Array:
     potentials *= 5.0
     if len(potentials) > 1:
         potentials[1] += np.log(BATH)
+        block.outer(unknowns)[block.outside.potential == 1] += np.log(BATH)
     return unknowns
 
 
@@ -100,19 +118,39 @@ def jacobian_matrix(block: Block, unknowns: Array, interval: Interval) -> sparse
 def one_stage(block: Block, duration: float, bath: float = BATH, **loads: float) -> tuple[BlockBody, NewtonResult]:
     """A stage of backward Euler from equilibrium, solved to rounding."""
     body, state = equilibrated_body(block)
-    interval = Interval(state.contents, duration, bath, edge_values(**loads))
+    interval = Interval(state.contents, duration, acting(block, bath, **loads))
     result = Newton(block).solve(state.unknowns, interval, 1e-14)
     assert result.step is not None
     return body, result
 
 
-def phase(body: BlockBody, **loads: float | Load | None) -> list[Load | None]:
-    """Loads of one phase by name, with ``__`` for the dot; pressures that are not named are zero."""
+def steady_state(block: Block, tolerance: float = 1e-14, **loads: float) -> tuple[NewtonResult, Array]:
+    """The state that constant loads lead to, and rates of entering through the parts, (parts, balances).
+
+    In a block of a millimetre what is left of the beginning falls by a factor of 20 or more in each stage.
+    """
+    state, duration = equilibrated_body(block)[1], 2e4
+    base, unknowns = state.contents, state.unknowns
+    for _ in range(10):
+        result = Newton(block).solve(unknowns, Interval(base, duration, acting(block, **loads)), tolerance)
+        assert result.step is not None
+        base, unknowns = result.step.contents, result.unknowns
+    flow = result.step.flow / duration
+    return result, np.array([-flow[:, faces].sum(axis=1) for faces in block.crossed_faces])
+
+
+def phase(body: BlockBody, bath: float | Load = BATH, **loads: float | Load | None) -> list[Load | None]:
+    """Loads of one phase by name, with ``__`` for the dot; those that are not named are zero, baths as ``bath``."""
     named = {name.replace("__", "."): load for name, load in loads.items()}
-    driven = {name.split(".")[0] for name in named}
-    chosen: dict[str, Any] = {"bath": BATH} | {
-        name: 0.0 for name in body.load_names if name.endswith(".pressure") and name.split(".")[0] not in driven
-    }
+    assert set(named) <= set(body.load_names), set(named) - set(body.load_names)
+    driven = {name.split(".")[0] for name in named if name.split(".")[1] in ("force", "displacement")}
+    chosen: dict[str, Any] = {}
+    for name in body.load_names:
+        own, kind = name.split(".")
+        if kind == "bath_concentration":
+            chosen[name] = bath
+        elif kind in ("bath_pressure", "current", "potential") or (kind == "pressure" and own not in driven):
+            chosen[name] = 0.0
     chosen |= named
     values = [chosen.get(name) for name in body.load_names]
     return [load if load is None or isinstance(load, Load) else Load(load) for load in values]

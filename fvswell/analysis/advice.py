@@ -26,7 +26,8 @@ from fvswell.prediction.case_prediction import (
     stress_free_heights,
     unpredictable,
 )
-from fvswell.prediction.predictor import Prediction, kind_of_change
+from fvswell.prediction.conditions import course_of, kind_of_change
+from fvswell.prediction.predictor import Prediction
 from fvswell.study.points import CURVES
 
 __all__ = ["ADEQUATE", "GOOD", "Advice", "PhaseAdvice", "advise"]
@@ -42,13 +43,15 @@ class PhaseAdvice:
     """What is predicted of a phase; strains relative to the sample equilibrated in the first bath."""
 
     name: str
-    change: str  # of load or bath, one of fvswell.study.points.CURVES; "" where both or neither change
+    quantity: str  # "strain", or "pressure" of a piston that is held, MPa: what the models are compared by
+    change: str  # of load or bath, one of fvswell.study.points.CURVES; "" for any other
+    other_bath: bool  # whether the bath changes
     duration: float  # s
-    equilibrium_strain: float  # that both models come to
+    equilibrium: float  # of the quantity, that both models come to
     r_squared: float  # of the biphasic-swelling by the electrochemical model
     r_squared_range: tuple[float, float]  # in which nine of ten simulated ones lie around such a prediction
-    largest_difference: float  # of the strains, biphasic-swelling less electrochemical
-    largest_share: float  # the same over the phase's change of strain between equilibria, in magnitude
+    largest_difference: float  # of the quantity, biphasic-swelling less electrochemical
+    largest_share: float  # the same over the quantity's change between equilibria, or its range if it is held or turns
     time_of_largest: float  # s since the phase began
     consolidation_time: float  # h^2 over the larger diffusivity of volume and salt together, s
     diffusion_time: float  # h^2 over the smaller one, s
@@ -89,6 +92,8 @@ def advise(case: Case) -> Advice:
     else:
         phases = _phases(case, predict_cases([case]), accuracy)
         model, reason = _recommendation(phases)
+        if _has_current(case):
+            model, reason = ELECTROCHEMICAL.name, "only it has ions that carry an electric current"
     return Advice(
         characteristics=characteristics(case),
         phases=phases,
@@ -103,29 +108,33 @@ def advise(case: Case) -> Advice:
 
 
 def _phases(case: Case, prediction: Prediction, accuracy: Accuracy) -> tuple[PhaseAdvice, ...]:
-    changes = pairwise(conditions_of([case]))
-    kinds = [kind_of_change(*change).item() for change in changes]
-    end = prediction.equilibrium_strain[0]
-    before = np.append(0.0, end[:-1])
+    conditions = conditions_of([case])
+    kinds = [kind_of_change(*change).item() for change in pairwise(conditions)]
+    strains = np.append(0.0, prediction.equilibrium_strain[0])
     height = float(stress_free_heights([case]).item()) * _initial_stretch(case)
     advice = []
     for p, (phase, kind) in enumerate(zip(case.phase, kinds, strict=True)):
-        r_squared = float(prediction.r_squared[0, p])
-        change = float(end[p] - before[p])
-        expected = accuracy.expected(CURVES[kind] if kind >= 0 else None, change / (1.0 + float(before[p])))
+        r_squared, measured = float(prediction.r_squared[0, p]), prediction.measured[p]
+        change = float(strains[p + 1] - strains[p])
+        expected = accuracy.expected(CURVES[kind] if kind >= 0 else None, change / (1.0 + float(strains[p])))
         factor = expected.ninth_decile_factor
         largest = float(prediction.largest_difference[0, p])
+        whole = abs(change) if kind >= 0 else float(np.ptp(prediction.full[0, p]))
         fast, slow = np.sort(np.abs(prediction.diffusivities[0, p]))[::-1]
+        equilibria = prediction.equilibrium_strain if measured == "strain" else prediction.equilibrium_pressure
+        (before,), (after,) = (each.ends[1] for each in conditions[p : p + 2])
         advice.append(
             PhaseAdvice(
                 name=phase.name,
+                quantity=measured,
                 change=CURVES[kind] if kind >= 0 else "",
+                other_bath=bool(before != after),
                 duration=float(prediction.phase_duration[0, p]),
-                equilibrium_strain=float(end[p]),
+                equilibrium=float(equilibria[0, p]),
                 r_squared=r_squared,
                 r_squared_range=(1.0 - (1.0 - r_squared) * factor, 1.0 - (1.0 - r_squared) / factor),
                 largest_difference=largest,
-                largest_share=abs(largest / change) if change else np.nan,
+                largest_share=abs(largest) / whole if whole else np.nan,
                 time_of_largest=float(prediction.time_of_largest_difference[0, p]),
                 consolidation_time=float(height**2 / fast),
                 diffusion_time=float(height**2 / slow),
@@ -149,8 +158,27 @@ def _beyond(case: Case, phases: Sequence[PhaseAdvice]) -> Iterator[str]:
         yield "a permeability that varies with strain"
     if any(np.exp(-_SLOWEST_MODE * phase.duration / phase.diffusion_time) > _EQUILIBRATED for phase in phases[:-1]):
         yield "a change before the last one is over"
-    if any(not phase.change and not np.isnan(phase.r_squared) for phase in phases):
+    if any(phase.quantity == "pressure" for phase in phases):
+        yield "a piston that is held"
+    if _has_current(case):
+        yield "an electric current"
+    if _turns(case):
+        yield "a load that turns on its way"
+    elif not _has_current(case) and any(
+        not phase.change and phase.quantity == "strain" and not np.isnan(phase.r_squared) for phase in phases
+    ):
         yield "load and bath changed at once"
+
+
+def _has_current(case: Case) -> bool:
+    """Whether a current passes in any phase."""
+    return any(course_of(each.current).acts for each in conditions_of([case]))
+
+
+def _turns(case: Case) -> bool:
+    """Whether any load comes back on its way in a phase."""
+    phases = pairwise(conditions_of([case]))
+    return any(after.turns(before) for before, after in phases)
 
 
 def _first_equilibrium(case: Case) -> tuple[Tissue, Array, Array]:
@@ -170,13 +198,13 @@ def _recommendation(phases: Sequence[PhaseAdvice]) -> tuple[str, str]:
         return BIPHASIC_SWELLING.name, "nothing changes in any phase, so the models agree"
     worst = min(judged, key=lambda phase: phase.r_squared_range[0])
     backward = [phase.name for phase in judged if phase.flows_backward_first]
-    error = f"largest error {100.0 * worst.largest_share:.2g} % of the strain"
+    error = f"largest error {_percent(worst.largest_share)} of the {worst.quantity}"
     found = f"{worst.name}: R^2 about {worst.r_squared:.3g}, {error}"
     if worst.r_squared_range[0] >= GOOD:
         return BIPHASIC_SWELLING.name, f"it follows the full model closely even where it is worst ({found})"
     if worst.r_squared_range[0] >= ADEQUATE:
         return BIPHASIC_SWELLING.name, (
-            f"it follows the course of the strain, with visible errors after each change ({found}); use "
+            f"it follows the course of the {worst.quantity}, with visible errors after each change ({found}); use "
             "electrochemical where these or the ions matter"
         )
     return ELECTROCHEMICAL.name, "; ".join(
@@ -184,9 +212,14 @@ def _recommendation(phases: Sequence[PhaseAdvice]) -> tuple[str, str]:
     )
 
 
+def _percent(share: float) -> str:
+    """In two digits, and whole numbers from 10 on."""
+    return f"{100.0 * share:.0f} %" if share >= 0.1 else f"{100.0 * share:.2g} %"
+
+
 def _cause(phase: PhaseAdvice) -> str:
     times = f"in about {phase.diffusion_time:.3g} s, while the tissue consolidates in {phase.consolidation_time:.3g} s"
-    if phase.change == "swelling":
+    if phase.other_bath:
         return f"it lets the salt follow the bath at once, but salt diffuses {times}"
     return (
         f"it keeps the ions in equilibrium with the bath, but salt that the water carries along diffuses back {times}"

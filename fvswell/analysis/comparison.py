@@ -7,7 +7,7 @@ definition, and those of its pressure are compared instead.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -26,7 +26,7 @@ from fvswell.analysis.histories import (
 )
 from fvswell.case.acting_loads import acting_loads
 from fvswell.case.case import MODELS, Case, CaseError
-from fvswell.case.errors import Problem
+from fvswell.case.errors import Problem, nearest_name, shown
 from fvswell.physics.tissue import Array
 from fvswell.prediction.determination import NO_VARIATION, coefficient_of_determination
 from fvswell.results.moved_grid import AXES
@@ -196,8 +196,10 @@ def reference_model(models: Sequence[str]) -> str:
     return max(models, key=MODELS.index)
 
 
-def compare_results(results: Mapping[str, xr.Dataset]) -> Comparison:
+def compare_results(results: Mapping[str, xr.Dataset], measured: str | None = None) -> Comparison:
     """Compare results of one case, by model; each must have run to its end.
+
+    Models are compared by the history ``measured``, else by what the case says; see `compared_quantities`.
 
     Raises
     ------
@@ -207,7 +209,9 @@ def compare_results(results: Mapping[str, xr.Dataset]) -> Comparison:
     reference = reference_model(list(results))
     base = results[reference]
     case = Case.from_toml(base.attrs["case_toml"])
-    quantities = compared_quantities(case, base)
+    measured = measured or case.output.measured
+    quantities = compared_quantities(case, base) if measured is None else [measured] * len(case.phase)
+    _check_histories(results, quantities)
     spans = list(pairwise([0.0, *base["phase_end"].values]))
     enough = [has_outputs(results.values(), *span) for span in spans]
     if not any(enough):
@@ -222,6 +226,18 @@ def compare_results(results: Mapping[str, xr.Dataset]) -> Comparison:
     ]
     left_out = tuple(phase.name for phase, compared in zip(case.phase, enough, strict=True) if not compared)
     return Comparison(reference, dict(results), tuple(differences), left_out)
+
+
+def _check_histories(results: Mapping[str, xr.Dataset], names: Iterable[str]) -> None:
+    """Refuse to compare by what a result does not have."""
+    for model, result in results.items():
+        histories = [str(name) for name in result if result[name].dims == ("time",)]
+        for name in names:
+            if name not in histories:
+                near = nearest_name(name, histories)
+                hint = f"; did you mean {near}?" if near else ""
+                message = f"the {model} model has no such history: {', '.join(histories)}{hint}"
+                raise CaseError([Problem("measured", shown(name), message)], "compare")
 
 
 class _Phase(NamedTuple):

@@ -1,7 +1,8 @@
 """Where local derivatives go in the Jacobian of a block: one constant sparse map to the entries of a fixed pattern.
 
-Unknowns are the free displacements, then each potential in all cells; equations are the momentum balances of the
-free displacements, then each transport balance of all cells.
+Unknowns are the free displacements, then each potential in all cells, then those of the boundary; equations are the
+momentum balances of the free displacements, then each transport balance of all cells, then the equations of the
+boundary, see `fvswell.block.outside`.
 """
 
 from __future__ import annotations
@@ -12,12 +13,15 @@ import numpy as np
 from scipy import sparse
 
 from fvswell.block.diamonds import Diamonds
-from fvswell.block.edges import DegreesOfFreedom
+from fvswell.block.displacements import DegreesOfFreedom
 from fvswell.block.grid import BlockGrid
+from fvswell.block.outside import Outside
 from fvswell.block.transport import TransportSlopes
 from fvswell.physics.tissue import Array
 
 __all__ = ["JacobianPattern", "LocalDerivatives"]
+
+_FluxPart = tuple[Array, int, sparse.csr_array]  # unknowns, what they change (source), and the map to the faces
 
 
 class LocalDerivatives(NamedTuple):
@@ -36,21 +40,18 @@ class JacobianPattern:
     """Rows and columns of the entries, which are fixed, and the map from local derivatives to their values."""
 
     def __init__(
-        self, grid: BlockGrid, diamonds: Diamonds, degrees_of_freedom: DegreesOfFreedom, edge_faces: Array,
-        stabilisation: sparse.csr_array, balances: int,
+        self, grid: BlockGrid, diamonds: Diamonds, outside: Outside, degrees_of_freedom: DegreesOfFreedom,
+        edge_faces: Array, stabilisation: sparse.csr_array, balances: int,
     ) -> None:  # fmt: skip
-        self._grid, self._diamonds, self._degrees_of_freedom, self._balances = (
-            grid,
-            diamonds,
-            degrees_of_freedom,
-            balances,
-        )
+        self._grid, self._diamonds, self._outside = grid, diamonds, outside
+        self._degrees_of_freedom, self._balances = degrees_of_freedom, balances
         self._rows: list[Array] = []
         self._columns: list[Array] = []
         self._sources: list[Array] = []
         self._weights: list[Array] = []
         self._offset = 0
-        self.size = degrees_of_freedom.number + balances * grid.cells
+        self._first_outside = degrees_of_freedom.number + balances * grid.cells
+        self.size = self._first_outside + outside.unknowns
         corners = degrees_of_freedom.of_vertex[:, grid.cell_vertices].reshape(8, -1)
         ends = degrees_of_freedom.of_vertex[:, grid.face_vertices[:, edge_faces]].reshape(4, -1)
         self._shapes = self._local_shapes(edge_faces.size, stabilisation.nnz)
@@ -71,6 +72,11 @@ class JacobianPattern:
         return LocalDerivatives(
             values, stiffness, pressure_forces, osmotic_forces, edge_forces, storage, TransportSlopes(*others)
         )
+
+    def within(self, first: int, last: int) -> Array:
+        """Whether entries are in rows and columns from ``first`` to ``last``, without it."""
+        inside: Array = (self.rows >= first) & (self.rows < last) & (self.columns >= first) & (self.columns < last)
+        return inside
 
     def assemble(self, local: LocalDerivatives) -> Array:
         """Entries of the Jacobian in the order of the pattern."""
@@ -101,43 +107,56 @@ class JacobianPattern:
 
     def _fluxes(self) -> None:
         maps, V = self._diamonds, self._balances
-        if V > 1:
-            self._add_flux([(1, 0, maps.mean)], sources=1)
-        for between in (maps.across, maps.along):
-            self._add_flux([(potential, potential, between) for potential in range(V)], sources=V)
+        if V > 1:  # ln a~ at a face is the mean of the cells, on the boundary that outside
+            self._add_flux([(self._potential(1), 0, maps.mean), self._from_outside(self._outside.across, 1, 0)], 1)
+        for between, outside in ((maps.across, self._outside.across), (maps.along, self._outside.along)):
+            inside = [(self._potential(potential), potential, between) for potential in range(V)]
+            self._add_flux(inside + [self._from_outside(outside, potential, potential) for potential in range(V)], V)
         points = maps.points.tocoo()
         faces = len(maps.faces)
         point, face = divmod(points.row, faces)
         columns = self._degrees_of_freedom.of_vertex[:, points.col]
         self._add_outflow(
-            face,
+            np.resize(face, columns.size),
             columns=columns.ravel(),
             source=(np.arange(2)[:, None] * 6 + point).ravel(),
             weight=np.tile(points.data, 2),
             sources=12,
         )
 
-    def _add_flux(self, parts: list[tuple[int, int, sparse.csr_array]], sources: int) -> None:
-        """Fluxes that depend on potentials in cells: (potential, source, map from cells to faces)."""
-        entries = [(potential, source, part.tocoo()) for potential, source, part in parts]
+    def _from_outside(self, values: sparse.csr_array, potential: int, source: int) -> _FluxPart:
+        """How a potential at the faces follows from the unknowns of the boundary."""
+        faces, first = len(self._diamonds.faces), values.shape[1] - self._outside.unknowns
+        part = values[potential * faces : (potential + 1) * faces, first:]
+        return self._first_outside + np.arange(self._outside.unknowns), source, part
+
+    def _add_flux(self, parts: list[_FluxPart], sources: int) -> None:
+        """Fluxes that depend on potentials."""
+        entries = [(columns, source, part.tocoo()) for columns, source, part in parts]
         self._add_outflow(
             np.concatenate([part.row for *_, part in entries]),
-            columns=np.concatenate([self._potential(potential)[part.col] for potential, _, part in entries]),
+            columns=np.concatenate([columns[part.col] for columns, _, part in entries]),
             source=np.concatenate([np.full(part.nnz, source) for _, source, part in entries]),
             weight=np.concatenate([part.data for *_, part in entries]),
             sources=sources,
         )
 
     def _add_outflow(self, face: Array, columns: Array, source: Array, weight: Array, sources: int) -> None:
-        """What leaves the first cell of a face and enters the second; local values are (balances, sources, faces)."""
-        face = np.resize(face, columns.shape)
-        faces = len(self._diamonds.faces)
+        """What leaves the first cell of a face and enters the second; local values are (balances, sources, faces).
+
+        It takes part in the equations of the boundary as well.
+        """
+        faces, entries = len(self._diamonds.faces), np.arange(len(face))
+        of_face = sparse.csr_array((np.ones(len(face)), (face, entries)), shape=(faces, len(face)))
         for balance in range(self._balances):
             value = (balance * sources + source) * faces + face
             for side, sign in ((0, 1.0), (1, -1.0)):
                 cell = self._diamonds.cells[side, face]
                 row = np.where(cell < 0, -1, self._potential(balance)[cell])
                 self._put(row, columns, value, sign * weight)
+            closing = (self._outside.closing[:, balance * faces : (balance + 1) * faces] @ of_face).tocoo()
+            row = self._first_outside + closing.row
+            self._put(row, columns[closing.col], value[closing.col], closing.data * weight[closing.col])
         self._offset += self._balances * sources * faces
 
     def _potential(self, potential: int | Array) -> Array:

@@ -2,12 +2,11 @@
 
 The pore pressure p = mu_f + pi of a cell acts on its corners by p times the derivative of the cell's volume, which is
 the transpose of the way in which moving corners make room for water. Unknowns and equations are in the order of
-`fvswell.block.assembly`; potentials and balances in that of `Model.balances`.
+`fvswell.block.assembly`; potentials and balances in that of `Model.balances`, parts of the boundary in that given.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -17,8 +16,8 @@ from scipy import sparse
 
 from fvswell.block.assembly import JacobianPattern, LocalDerivatives
 from fvswell.block.diamonds import Diamonds
-from fvswell.block.edges import DegreesOfFreedom, EdgeCondition, EdgeLoads
-from fvswell.block.geometry import edge_area_vectors, quadrilateral_gradient
+from fvswell.block.displacements import DegreesOfFreedom
+from fvswell.block.geometry import quadrilateral_gradient
 from fvswell.block.grid import BlockGrid
 from fvswell.block.laws import face_law
 from fvswell.block.mechanics import (
@@ -29,6 +28,8 @@ from fvswell.block.mechanics import (
     find_stiffness,
     mechanics_room,
 )
+from fvswell.block.outside import CHARGE, Beyond, Outside, crossed_parts
+from fvswell.block.part_loads import PartLoads, part_loads
 from fvswell.block.transport import (
     Transport,
     TransportTables,
@@ -36,8 +37,10 @@ from fvswell.block.transport import (
     find_transport_slopes,
     transport_room,
 )
-from fvswell.boundary.sides import EDGE_AXIS, EDGES, OUTWARD
+from fvswell.boundary.parts import Part, load_names
+from fvswell.boundary.sides import OUTWARD
 from fvswell.numerics.sparse_lu import DirectSolver
+from fvswell.physics.constants import FARADAY
 from fvswell.physics.models import Model
 from fvswell.physics.osmotic import bath_log_activity, bath_osmotic_pressure
 from fvswell.physics.solids import aggregate_modulus
@@ -51,8 +54,7 @@ class Interval(NamedTuple):
 
     base: Array  # (balances, cells) contents that it starts from, per reference volume
     duration: float  # s
-    bath: float  # concentration, mmol/mm3
-    loads: EdgeLoads
+    loads: PartLoads
 
 
 class BlockState(NamedTuple):
@@ -84,19 +86,21 @@ class Block:
     model: Model
     cells: Tissue
     faces: Tissue  # at the crossed faces
-    edges: Mapping[str, EdgeCondition]
+    parts: tuple[Part, ...]
+    part_faces: tuple[Array, ...]  # faces of the grid on each part
     degrees_of_freedom: DegreesOfFreedom
     diamonds: Diamonds
+    outside: Outside
     solid: BlockSolid
     solid_class: type
     stabilisation: sparse.csr_array  # volumes stored by water potentials, see `block.stabilisation`
     tables: TransportTables
     pattern: JacobianPattern
     solver: DirectSolver
-    edge_faces: Array  # boundary faces on free and tied edges
-    edge_of_face: Array  # index among EDGES
+    pressed_faces: Array  # boundary faces of parts that can be loaded or are open, on which pressures act
+    part_of_face: Array  # index of the part that each of these belongs to
     of_vertex: Array  # as kernels take it
-    concentration: float  # of the bath that the block is equilibrated in, mmol/mm3
+    concentration: float  # of the baths that the block is equilibrated in, mmol/mm3
     laws: tuple[Any, Any, Any]  # compiled: of the solid, the cells, the faces
     osmotic_share: float = 1.0  # of all osmotic pressures that acts; less on the way to the first equilibrium
 
@@ -106,10 +110,14 @@ class Block:
         return self.model.balances
 
     @cached_property
-    def permeable_faces(self) -> tuple[Array, ...]:
-        """For each permeable edge in the order of EDGES, its faces, as indices among those that are crossed."""
-        permeable = [edge for edge in EDGES if self.edges[edge].permeable]
-        return tuple(np.searchsorted(self.diamonds.faces, self.grid.edges[edge]) for edge in permeable)
+    def crossed_parts(self) -> list[int]:
+        """Indices of the parts that water or ions cross."""
+        return crossed_parts(self.parts, self.model.transports_ions)
+
+    @cached_property
+    def crossed_faces(self) -> tuple[Array, ...]:
+        """For each of these parts, its faces, as indices among those that are crossed."""
+        return tuple(np.searchsorted(self.diamonds.faces, self.part_faces[part]) for part in self.crossed_parts)
 
     def positions(self, unknowns: Array) -> Array:
         """Positions of the vertices, ``(2, vertices)`` mm, from unknowns ``(unknowns,)``."""
@@ -117,17 +125,47 @@ class Block:
 
     def potentials(self, unknowns: Array) -> Array:
         """Potentials of the cells, ``(balances, cells)``."""
-        return unknowns[self.degrees_of_freedom.number :].reshape(len(self.balances), -1)
+        first, last = self.degrees_of_freedom.number, len(unknowns) - self.outside.unknowns
+        return unknowns[first:last].reshape(len(self.balances), -1)
+
+    def outer(self, unknowns: Array) -> Array:
+        """Unknowns of the boundary, see `fvswell.block.outside`."""
+        return unknowns[len(unknowns) - self.outside.unknowns :]
 
     def bath_potentials(self, concentration: float) -> Array:
-        """Potentials of the grounded bath, ``(balances,)``: mu_f, ln a~ and F psi~/(R T)."""
-        law, RT = first_point(self.cells.osmotic), first_point(self.cells.thermal_energy)
-        water = -self.osmotic_share * bath_osmotic_pressure(law, RT, concentration)
-        return np.array([water, bath_log_activity(law, concentration), 0.0])[: len(self.balances)]
+        """Potentials of a bath that is grounded and without pressure, ``(balances,)``: mu_f, ln a~, F psi~/(R T)."""
+        if concentration not in self._baths:
+            law, RT = first_point(self.cells.osmotic), first_point(self.cells.thermal_energy)
+            water = -self.osmotic_share * bath_osmotic_pressure(law, RT, concentration)
+            if len(self._baths) > len(self.parts):  # ramps give new ones in every stage
+                self._baths.clear()
+            potentials = np.array([water, bath_log_activity(law, concentration), 0.0])
+            self._baths[concentration] = potentials[: len(self.balances)]
+        return self._baths[concentration]
 
-    def transport(
-        self, positions: Array, potentials: Array, concentration: float, outside: Array | None = None
-    ) -> Transport:
+    @cached_property
+    def unloaded(self) -> PartLoads:
+        """Loads of a block that is left alone in the bath that it is equilibrated in."""
+        return part_loads(self.parts, np.full(len(load_names(self.parts)), np.nan), self.concentration)
+
+    def beyond(self, loads: PartLoads, outer: Array) -> Beyond:
+        """What the baths and the unknowns of the boundary add to the differences of the potentials."""
+        baths = np.stack([self.bath_potentials(concentration) for concentration in loads.bath_concentration])
+        baths[:, 0] += loads.bath_pressure
+        if len(self.balances) > 1:
+            baths[:, CHARGE] = loads.potential * (FARADAY / first_point(self.cells.thermal_energy))
+        values = np.concatenate([baths.ravel(), outer])
+        across, along = (part @ values for part in (self.outside.across, self.outside.along))
+        concentration = loads.bath_concentration[self.outside.reference]
+        log_bath = float(bath_log_activity(first_point(self.cells.osmotic), concentration))
+        return Beyond(across.reshape(len(self.balances), -1), along.reshape(len(self.balances), -1), log_bath)
+
+    def outside_change(self, outer: Array) -> tuple[Array, Array]:
+        """How changes of the unknowns of the boundary change the differences across and along the crossed faces."""
+        across, along = (part @ outer for part in self._by_outer)
+        return across.reshape(len(self.balances), -1), along.reshape(len(self.balances), -1)
+
+    def transport(self, positions: Array, potentials: Array, beyond: Beyond) -> Transport:
         """Contents and fluxes with the vertices at positions.
 
         Parameters
@@ -136,66 +174,64 @@ class Block:
             Of the vertices, ``(2, vertices)`` mm.
         potentials
             Of the cells, ``(balances, cells)``.
-        concentration
-            Of the bath, mmol/mm3.
-        outside
-            Potentials at the vertices on permeable edges, ``(balances, vertices)``, in place of the bath's.
+        beyond
+            What there is outside.
         """
-        if outside is None:
-            across, along, log_bath = self._outside(concentration)
-        else:
-            maps = (self.diamonds.across_outside, self.diamonds.along_outside)
-            across, along = (np.ascontiguousarray((part @ outside.T).T) for part in maps)
-            log_bath = self._outside(concentration)[2]
-        result = transport_room(len(self.balances), self.grid.cells, len(self.diamonds.faces))
+        result = transport_room(len(self.balances), self.tables)
         find_transport(
             self.grid.section, self.laws[1], self.laws[2], self.tables, positions, np.ascontiguousarray(potentials),
-            across, along, log_bath, result,
+            *beyond, result,
         )  # fmt: skip
         return result
 
+    def transport_at(self, unknowns: Array, loads: PartLoads) -> Transport:
+        """Contents and fluxes in a state."""
+        beyond = self.beyond(loads, self.outer(unknowns))
+        return self.transport(self.positions(unknowns), self.potentials(unknowns), beyond)
+
     def transport_system(
-        self, positions: Array, potentials: Array, interval: Interval, outside: Array | None = None
+        self, positions: Array, potentials: Array, base: Array, duration: float, beyond: Beyond
     ) -> TransportSystem:
         """Residual of the transport balances over an interval, and its derivative by the potentials.
 
-        The vertices stay where they are; arguments as for `transport`. The volume balance has in it what the
-        stabilisation stores.
+        The vertices, and what there is outside, stay as they are; arguments as for `Interval` and `transport`. The
+        volume balance has in it what the stabilisation stores.
         """
-        transport = self.transport(positions, potentials, interval.bath, outside)
+        transport = self.transport(positions, potentials, beyond)
         local = self.pattern.room()
         local.storage[:] = self.stabilisation.data
-        find_transport_slopes(self.grid.section, self.tables, positions, transport, interval.duration, local.transport)
+        find_transport_slopes(self.grid.section, self.tables, positions, transport, duration, local.transport)
         local.transport.contents_by_corner[:] = 0.0
         local.transport.points[:] = 0.0
         first, pattern = self.degrees_of_freedom.number, self.pattern
-        inside = (pattern.rows >= first) & (pattern.columns >= first)
-        size = pattern.size - first
+        last = pattern.size - self.outside.unknowns
+        inside, size = pattern.within(first, last), last - first
         jacobian = sparse.coo_array(
             (pattern.assemble(local)[inside], (pattern.rows[inside] - first, pattern.columns[inside] - first)),
             shape=(size, size),
         )
-        return TransportSystem(self._transport_residual(transport, interval), jacobian)
+        return TransportSystem(self._transport_residual(transport, base, duration), jacobian)
 
     def evaluate(self, unknowns: Array, interval: Interval) -> BlockState:
         """Residual of all balances at a state."""
         positions, potentials, loads = self.positions(unknowns), self.potentials(unknowns), interval.loads
-        transport = self.transport(positions, potentials, interval.bath)
+        transport = self.transport(positions, potentials, self.beyond(loads, self.outer(unknowns)))
         pressure = potentials[0] + self.osmotic_share * transport.osmotic[0]
         mechanics, internal = mechanics_room(self.grid.cells), np.empty(self.degrees_of_freedom.number)
         find_forces(
             self.grid.section, self.laws[0], self.solid, positions, pressure, self.of_vertex, mechanics, internal
         )
-        external, edge_stiffness = self._pressure_forces(positions, loads.pressure)
+        external, edge_stiffness = self._pressure_forces(positions, loads)
         momentum = internal - external
-        for edge, index in self.degrees_of_freedom.of_tied_edge.items():
-            momentum[index] += OUTWARD[edge] * loads.force[EDGES.index(edge)]
-            target = loads.displacement[EDGES.index(edge)]
-            if not np.isnan(target):
-                momentum[index] = (unknowns[index] - target) * self.momentum_scale[index] / self.length_scale
-        residual = np.concatenate([momentum, self._transport_residual(transport, interval).ravel()])
+        for part, index, force in zip(self.parts, self.degrees_of_freedom.normal, loads.force, strict=True):
+            if index >= 0:
+                momentum[index] += OUTWARD[part.edge] * force
+        for index, target in self.degrees_of_freedom.prescribed(loads).items():
+            momentum[index] = (unknowns[index] - target) * self.momentum_scale[index] / self.length_scale
+        residual = [momentum, self._transport_residual(transport, interval.base, interval.duration).ravel()]
+        residual.append(interval.duration * self._unclosed(transport, loads))
         return BlockState(
-            unknowns, residual, internal, positions, pressure, transport, mechanics, edge_stiffness,
+            unknowns, np.concatenate(residual), internal, positions, pressure, transport, mechanics, edge_stiffness,
             self._sound(mechanics, transport),
         )  # fmt: skip
 
@@ -216,28 +252,14 @@ class Block:
         find_transport_slopes(self.grid.section, self.tables, state.positions, transport, duration, local.transport)
         return local
 
-    def jacobian(self, local: LocalDerivatives, loads: EdgeLoads) -> Array:
+    def jacobian(self, local: LocalDerivatives, loads: PartLoads) -> Array:
         """Derivative of the residual by the unknowns: entries in the order of the pattern."""
         entries = self.pattern.assemble(local)
-        for edge, index in self.degrees_of_freedom.of_tied_edge.items():
-            if not np.isnan(loads.displacement[EDGES.index(edge)]):
-                row = np.flatnonzero(self.pattern.rows == index)
-                entries[row] = 0.0
-                entries[row[self.pattern.columns[row] == index]] = self.momentum_scale[index] / self.length_scale
+        for index in self.degrees_of_freedom.prescribed(loads):
+            row = np.flatnonzero(self.pattern.rows == index)
+            entries[row] = 0.0
+            entries[row[self.pattern.columns[row] == index]] = self.momentum_scale[index] / self.length_scale
         return entries
-
-    def edge_areas(self, positions: Array) -> Array:
-        """Current areas of the edges projected on their reference direction, in the order of EDGES."""
-        vectors = edge_area_vectors(self.grid.section, *positions[:, self.grid.face_vertices])
-        return np.array([OUTWARD[edge] * vectors[EDGE_AXIS[edge]][self.grid.edges[edge]].sum() for edge in EDGES])
-
-    def tied_edge_reactions(self, state: BlockState, loads: EdgeLoads) -> dict[str, float]:
-        """Forces that press on the tied edges, positive in compression, without the pressures on their neighbours."""
-        forces = {}
-        for edge, index in self.degrees_of_freedom.of_tied_edge.items():
-            others, _ = self._pressure_forces(state.positions, np.where(np.array(EDGES) == edge, 0.0, loads.pressure))
-            forces[edge] = -OUTWARD[edge] * float(state.internal_forces[index] - others[index])
-        return forces
 
     @cached_property
     def length_scale(self) -> float:
@@ -250,6 +272,11 @@ class Block:
     def modulus(self) -> Array:
         """Aggregate modulus of the cells, ``(cells,)`` MPa."""
         return np.broadcast_to(aggregate_modulus(self.cells.solid, self.cells.fluid_fraction), self.grid.cells)
+
+    @cached_property
+    def measure_scale(self) -> tuple[float, float]:
+        """Natural sizes of displacements and of water potentials as a whole: the extent, mm, and the modulus, MPa."""
+        return float(np.ptp(self.grid.vertices, axis=1).max()), float(self.modulus.mean())
 
     @cached_property
     def momentum_scale(self) -> Array:
@@ -270,7 +297,9 @@ class Block:
     @cached_property
     def residual_scale(self) -> Array:
         """Size of what the equations balance, to judge residuals by."""
-        return np.concatenate([self.momentum_scale, np.outer(self.content_scale, self.grid.volumes).ravel()])
+        balances = np.outer(self.content_scale, self.grid.volumes).ravel()
+        boundary = self.content_scale[self.outside.potential] * self.outside.volume
+        return np.concatenate([self.momentum_scale, balances, boundary])
 
     @cached_property
     def unknown_scale(self) -> Array:
@@ -278,6 +307,7 @@ class Block:
         scale, first = np.ones(self.pattern.size), self.degrees_of_freedom.number
         scale[:first] = self.length_scale
         scale[first : first + self.grid.cells] = self.modulus.mean()
+        self.outer(scale)[self.outside.potential == 0] = self.modulus.mean()
         return scale
 
     @cached_property
@@ -285,40 +315,36 @@ class Block:
         """What the entries of the Jacobian are multiplied by to be of relative changes."""
         return self.unknown_scale[self.pattern.columns] / self.residual_scale[self.pattern.rows]
 
-    def _outside(self, concentration: float) -> tuple[Array, Array, float]:
-        """What a bath adds to the differences of the potentials across and along the faces, and its ln a~."""
-        if concentration not in self._baths:
-            bath = self.bath_potentials(concentration)[:, None]
-            across, along = (bath * total for total in self._bath_weights)
-            self._baths.clear()  # of one bath at a time: ramps give a new one in every stage
-            log_bath = float(bath_log_activity(first_point(self.cells.osmotic), concentration))
-            self._baths[concentration] = across, along, log_bath
-        return self._baths[concentration]
-
     @cached_property
-    def _baths(self) -> dict[float, tuple[Array, Array, float]]:
+    def _baths(self) -> dict[float, Array]:
         return {}
 
     @cached_property
-    def _bath_weights(self) -> tuple[Array, Array]:
-        """Weights of the bath in the differences of the potentials across and along the faces, (crossed,)."""
-        return self.diamonds.across_outside.sum(axis=1), self.diamonds.along_outside.sum(axis=1)
+    def _by_outer(self) -> tuple[sparse.csr_array, sparse.csr_array]:
+        """The maps of the outside from the unknowns of the boundary alone."""
+        given = self.outside.across.shape[1] - self.outside.unknowns
+        return self.outside.across[:, given:], self.outside.along[:, given:]
 
     @cached_property
-    def _edge_vertices(self) -> Array:
-        return np.ascontiguousarray(self.grid.face_vertices[:, self.edge_faces], dtype=np.int64)
+    def _pressed_vertices(self) -> Array:
+        return np.ascontiguousarray(self.grid.face_vertices[:, self.pressed_faces], dtype=np.int64)
 
-    def _transport_residual(self, transport: Transport, interval: Interval) -> Array:
-        gain: Array = self.grid.volumes * (transport.contents - interval.base)
-        return gain + interval.duration * transport.outflow
+    def _transport_residual(self, transport: Transport, base: Array, duration: float) -> Array:
+        gain: Array = self.grid.volumes * (transport.contents - base)
+        return gain + duration * transport.outflow
 
-    def _pressure_forces(self, positions: Array, pressure: Array) -> tuple[Array, Array]:
-        """Forces of the pressures on the edges, ``(4,)``, along the displacements, and minus their slopes."""
-        faces = len(self.edge_faces)
+    def _unclosed(self, transport: Transport, loads: PartLoads) -> Array:
+        """What the equations of the boundary lack: rates of what crosses it and should not."""
+        rates: Array = self.outside.closing @ transport.fluxes.ravel()
+        return rates + np.where(self.outside.shared, loads.current[self.outside.part] / FARADAY, 0.0)
+
+    def _pressure_forces(self, positions: Array, loads: PartLoads) -> tuple[Array, Array]:
+        """Forces of the pressures on the parts and of their baths, along the displacements, and minus their slopes."""
+        faces = len(self.pressed_faces)
         slopes, total = np.empty((4, 4, faces)), np.empty(self.degrees_of_freedom.number)
         find_edge_forces(
-            self.grid.section, self._edge_vertices, positions, pressure[self.edge_of_face], self.of_vertex, slopes,
-            total,
+            self.grid.section, self._pressed_vertices, positions,
+            (loads.pressure + loads.bath_pressure)[self.part_of_face], self.of_vertex, slopes, total,
         )  # fmt: skip
         return total, slopes
 

@@ -8,17 +8,17 @@ from functools import cached_property
 import numpy as np
 
 from fvswell.block.block import Block, Interval
-from fvswell.block.edges import drive_names, edge_loads
-from fvswell.block.geometry import quadrilateral_volume
 from fvswell.block.newton import Newton, NewtonResult
-from fvswell.boundary.sides import EDGES
+from fvswell.block.part_loads import part_loads
+from fvswell.block.reactions import part_areas, part_forces
+from fvswell.block.transport import find_volume_ratio
+from fvswell.boundary.parts import HELD, load_names
 from fvswell.numerics.body import admissible, complete_loads, find_rate, find_unknowns, global_strain, solve_stage
 from fvswell.numerics.state import (
     BALANCE,
     CONVERGED,
     ELAPSED,
     ITERATIONS,
-    NEWTON,
     NO_WATER,
     POINT,
     REASON,
@@ -32,15 +32,14 @@ __all__ = ["BlockBody"]
 
 _FIRST_MOMENT = 1e-4  # of the time in which a cell consolidates: so short that no water flows after a jump
 _RATE_TOLERANCE = 1e-10
-_OUTPUT_SHARE = 10.0  # outputs are solved to the tolerance of their step, its stages to a tenth of that
 
 
 @dataclass
 class BlockBody:
     """A block and what the stages of a step share.
 
-    Loads are in the order of `edges.drive_names`. A tied edge is driven by one of pressure, force and displacement at a
-    time, and what is not driven carries no load. The first content is J and what the stabilisation stores besides
+    Loads are in the order of `boundary.parts.load_names`. A plate is driven by one of pressure, force and displacement
+    at a time, and what is not driven carries no load. The first content is J and what the stabilisation stores besides
     (nothing in total).
 
     Parameters
@@ -58,12 +57,11 @@ class BlockBody:
     method: type[Newton] = Newton
     _newton: Newton | None = field(default=None, repr=False)
     _stage: tuple[float, float, tuple[bool, ...]] | None = field(default=None, repr=False)
-    tolerance: float = field(default=0.0, repr=False)  # of the last stage
 
     @cached_property
     def load_names(self) -> tuple[str, ...]:
         """Names of the loads."""
-        return drive_names(self.block.edges)
+        return load_names(self.block.parts)
 
     @property
     def equations(self) -> tuple[str, ...]:
@@ -92,14 +90,13 @@ class BlockBody:
 
     def interval(self, base: Array, duration: float, loads: Array) -> Interval:
         """An interval at whose end loads act."""
-        return Interval(base, duration, float(loads[0]), edge_loads(self.load_names, loads))
+        return Interval(base, duration, part_loads(self.block.parts, loads, self.block.concentration))
 
     def volume_is_held(self, loads: Array) -> bool:
-        """Whether the edges prescribe the volume of the block."""
-        displacement = edge_loads(self.load_names, loads).displacement
+        """Whether the parts of the boundary prescribe the volume of the block."""
+        moved = self.interval(np.empty(0), 0.0, loads).loads.displacement
         return all(
-            edge.displacement in ("fixed", "roller") or not np.isnan(displacement[EDGES.index(name)])
-            for name, edge in self.block.edges.items()
+            part.mechanical in HELD or not np.isnan(value) for part, value in zip(self.block.parts, moved, strict=True)
         )
 
     @cached_property
@@ -111,15 +108,15 @@ class BlockBody:
         speed = (hydraulic_permeability(tissue, 1.0) * self.block.modulus).max()
         return float(_FIRST_MOMENT * sides.min() ** 2 / speed)
 
-    def newton(self, elapsed: float, duration: float, loads: Array, constant: float) -> Newton:
-        """Newton's method for a stage; the stages of one step share their factors.
+    def newton(self, elapsed: float, duration: float, loads: Array) -> Newton:
+        """Newton's method for a stage; the stages of one step share their factors, and how fast it converges.
 
-        Those of the step before are not used: a run that goes on from a file does not have them.
+        Those of the step before are not used: a run that goes on from a file does not have its factors, and just after
+        a jump convergence is much slower in the next step, which is longer.
         """
         stage = (elapsed, duration, tuple(np.isnan(loads)))
         if self._newton is None or self._stage != stage:
-            self._newton, self._stage = self.method(self.block, constant), stage
-        self._newton.constant = constant
+            self._newton, self._stage = self.method(self.block), stage
         return self._newton
 
 
@@ -139,22 +136,25 @@ def _admissible(body: BlockBody, guess: Array, unknowns: Array) -> bool:
 
 @complete_loads.register(BlockBody)
 def _complete_loads(body: BlockBody, unknowns: Array, contents: Array, loads: Array) -> None:
-    block, interval = body.block, body.interval(contents, 0.0, loads)
-    areas = block.edge_areas(block.positions(unknowns))
-    found: dict[str, float] = {}
-    reactions: dict[str, float] | None = None
-    for i, edge in enumerate(EDGES):
-        force = interval.loads.force[i] + interval.loads.pressure[i] * areas[i]
-        if not np.isnan(interval.loads.displacement[i]):
-            reactions = reactions or block.tied_edge_reactions(block.evaluate(unknowns, interval), interval.loads)
-            force = reactions[edge]
-        found[f"{edge}.force"] = force
-        found[f"{edge}.pressure"] = force / areas[i] if areas[i] > 0.0 else 0.0  # the axis of a disc has no area
-        if edge in block.degrees_of_freedom.of_tied_edge:
-            found[f"{edge}.displacement"] = unknowns[block.degrees_of_freedom.of_tied_edge[edge]]
-    for index, name in enumerate(body.load_names):
-        if np.isnan(loads[index]):
-            loads[index] = found[name]
+    block, interval, missing = body.block, body.interval(contents, 0.0, loads), np.isnan(loads)
+    given, unknown = interval.loads, block.degrees_of_freedom
+    positions = block.positions(unknowns)
+    areas = part_areas(block, positions)
+    forces = given.force + given.pressure * areas
+    if not np.isnan(given.displacement).all():
+        reactions = part_forces(block, block.evaluate(unknowns, interval), given)
+        forces = np.where(np.isnan(given.displacement), forces, reactions)
+    moved = np.append(unknowns[: unknown.number], 0.0)  # the last is that of what is held
+    found = given._asdict() | {
+        "force": forces,
+        "pressure": np.divide(forces, areas, out=np.zeros_like(forces), where=areas > 0.0),
+        "displacement": moved[unknown.normal],
+        "tangential_displacement": moved[unknown.tangential],
+    }
+    numbers = [(index, kind) for index, part in enumerate(block.parts) for kind in part.loads]
+    for load, (part, kind) in enumerate(numbers):
+        if missing[load]:
+            loads[load] = found[kind][part]
 
 
 @solve_stage.register(BlockBody)
@@ -162,10 +162,8 @@ def _solve_stage(
     body: BlockBody, unknowns: Array, contents: Array, base: Array, duration: float, loads: Array, tolerance: float,
     crossing: Array, clock: Array, report: Array,
 ) -> bool:  # fmt: skip
-    newton = body.newton(clock[ELAPSED], duration, loads, clock[NEWTON])
-    body.tolerance = tolerance
+    newton = body.newton(clock[ELAPSED], duration, loads)
     result = newton.solve(unknowns, body.interval(base, duration, loads), tolerance)
-    clock[NEWTON] = newton.constant
     _set_report(body, result, report)
     unknowns[:] = result.unknowns
     if result.step is None:
@@ -176,18 +174,8 @@ def _solve_stage(
 
 
 @find_unknowns.register(BlockBody)
-def _find_unknowns(
-    body: BlockBody, unknowns: Array, contents: Array, rate: Array, loads: Array, slopes: Array, duration: float,
-    clock: Array, report: Array,
-) -> bool:  # fmt: skip
-    """Solve a stage that ends at the contents, with the factors of the step: it began a duration ago, at this rate."""
-    newton = body.newton(clock[ELAPSED], duration, loads, clock[NEWTON])
-    start = body.interval(contents - duration * rate, duration, loads)
-    result = newton.solve(unknowns, start, _OUTPUT_SHARE * body.tolerance)
-    _set_report(body, result, report)
-    if result.step is not None:
-        unknowns[:] = result.unknowns
-    return result.step is not None
+def _find_unknowns(body: BlockBody, unknowns: Array, contents: Array, loads: Array, slopes: Array) -> None:
+    """The guess is as accurate as the contents, which the stages that it has been found from go with."""
 
 
 @find_rate.register(BlockBody)
@@ -222,14 +210,14 @@ def _find_rate(
 
 def volume_ratio(block: Block, unknowns: Array) -> Array:
     """J of the cells, ``(cells,)``."""
-    corners = block.positions(unknowns)[:, block.grid.cell_vertices]
-    ratio: Array = quadrilateral_volume(block.grid.section, *corners) / block.grid.volumes
+    ratio = np.empty(block.grid.cells)
+    find_volume_ratio(block.grid.section, block.tables, block.positions(unknowns), ratio)
     return ratio
 
 
 def _set_crossing(body: BlockBody, flux: Array, crossing: Array) -> None:
-    """Rates of entering through each permeable edge, from fluxes through the crossed faces."""
-    for part, faces in enumerate(body.block.permeable_faces):
+    """Rates of entering through each part that is crossed, from fluxes through the crossed faces."""
+    for part, faces in enumerate(body.block.crossed_faces):
         entering = -flux[:, faces].sum(axis=1)
         crossing[part] = 0.0
         crossing[part, : min(len(entering), 2)] = entering[:2]
@@ -243,13 +231,17 @@ def _set_report(body: BlockBody, result: NewtonResult, report: Array) -> None:
         return
     block, state = body.block, result.state
     V, cells, first = len(block.balances), block.grid.cells, block.degrees_of_freedom.number
+    outside = first + V * cells
     if result.reason == NO_WATER:
         report[BALANCE], report[POINT], report[RESIDUAL] = 0, np.flatnonzero(~state.sound)[0], np.inf
         return
     residual = np.abs(state.residual / block.residual_scale)
     worst = int(np.nan_to_num(residual, nan=np.inf).argmax())
     report[RESIDUAL] = residual[worst]
-    if worst >= first:
+    if worst >= outside:  # at the boundary: the cell beside it stands for it
+        report[BALANCE] = block.outside.potential[worst - outside]
+        report[POINT] = block.outside.cell[worst - outside]
+    elif worst >= first:
         report[BALANCE], report[POINT] = divmod(worst - first, cells)
     else:
         report[BALANCE] = V

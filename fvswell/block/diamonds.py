@@ -2,16 +2,15 @@
 
 The diamond of a face joins the two cell centres and the two ends of the face; at the boundary, the middle of the face
 stands for the missing cell. Potentials at the ends are interpolated from the cells around with constant weights:
-bilinear inside, linear along an impermeable edge (no gradient of a potential is normal to it, as nothing flows), and
-the bath's value on a permeable edge. Inside, they are understood as the potentials at the points that the same weights
-give from the cell centres. These are the ends in the reference state, and near them on the moved grid, so that the
-gradient is exact for linear fields on both; along an impermeable edge it is in the reference state only, and of second
-order on the moved grid.
+bilinear inside, linear along a closed edge (no gradient of a potential is normal to it, as nothing flows), and the
+value outside where the boundary is crossed, see `fvswell.block.outside`. Inside, they are understood as the potentials
+at the points that the same weights give from the cell centres. These are the ends in the reference state, and near them
+on the moved grid, so that the gradient is exact for linear fields on both; along a closed edge it is in the reference
+state only, and of second order on the moved grid.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +25,7 @@ __all__ = ["Diamonds", "diamonds"]
 
 @dataclass(frozen=True)
 class Diamonds:
-    """The faces that water crosses and constant maps to them: from cells, and from the bath's values at vertices."""
+    """The faces that are crossed and constant maps to them: from cells, and from values outside at vertices."""
 
     faces: Array  # (crossed,) index among the faces of the grid
     cells: Array  # (2, crossed): the cells on either side, the second -1 at the boundary
@@ -36,49 +35,56 @@ class Diamonds:
     along_outside: sparse.csr_array
     mean: sparse.csr_array  # plain mean of the two cells; nothing at the boundary
     outflow: sparse.csr_array  # (cells, crossed): what leaves each cell
-    points: sparse.csr_array  # (6 crossed, vertices): the points of `geometry.diamond_metric`
+    places: sparse.csr_array  # (places, vertices): every place where a diamond has a point
+    place_of_point: Array  # (6, crossed): of the points of `geometry.diamond_metric`
     reference_volumes: Array  # (crossed,)
 
     @property
     def boundary(self) -> Array:
-        """Whether a face lies on a permeable edge, ``(crossed,)``."""
+        """Whether a face lies on the boundary, ``(crossed,)``."""
         return self.cells[1] < 0
 
     def local_points(self, vertices: Array) -> Array:
         """Points of every diamond, ``(2, 6, crossed)``, from the positions of the vertices ``(2, vertices)``."""
-        return np.stack([(self.points @ component).reshape(6, -1) for component in vertices])
+        return np.stack([(self.places @ component)[self.place_of_point] for component in vertices])
+
+    @property
+    def points(self) -> sparse.csr_array:
+        """The points from vertices, ``(6 crossed, vertices)``."""
+        return self.places[self.place_of_point.ravel()]
 
 
-def diamonds(grid: BlockGrid, permeable_edges: Collection[str]) -> Diamonds:
-    """Diamonds of the inner faces and of those on the permeable edges."""
-    open_faces = np.concatenate([grid.edges[edge] for edge in permeable_edges])
+def diamonds(grid: BlockGrid, open_faces: Array) -> Diamonds:
+    """Diamonds of the inner faces and of those on the boundary that are crossed, as indices among the grid's faces."""
     faces = np.sort(np.concatenate([np.flatnonzero(grid.face_cells[1] >= 0), open_faces]))
     first, second = grid.face_cells[:, faces]
     ends = grid.face_vertices[:, faces]
     outside = second < 0
 
     n_vertices = grid.vertices.shape[1]
-    on_bath = np.zeros(n_vertices, dtype=bool)
-    on_bath[grid.face_vertices[:, open_faces]] = True
+    outer = np.zeros(n_vertices, dtype=bool)
+    outer[grid.face_vertices[:, open_faces]] = True
     weights, inner = _interpolation(grid)
-    weights = sparse.diags_array(np.where(on_bath, 0.0, 1.0)) @ weights
-    to_bath = sparse.diags_array(np.where(on_bath, 1.0, 0.0)).tocsr()
+    weights = sparse.diags_array(np.where(outer, 0.0, 1.0)) @ weights
+    to_outside = sparse.diags_array(np.where(outer, 1.0, 0.0)).tocsr()
 
     pick_first = _selection(first, grid.cells)
     pick_second = _selection(second, grid.cells)
     ends_vertices = [_selection(end, n_vertices) for end in ends]
     middle = sparse.diags_array(np.where(outside, 0.5, 0.0)) @ (ends_vertices[0] + ends_vertices[1])
+    # places: centres of cells, middles of faces on the boundary, vertices, and what stands for vertices in the inside
     from_corners = _corner_mean(grid)
-    vertex_or_point = _selection(np.where(inner & ~on_bath, -1, np.arange(n_vertices)), n_vertices)
-    vertex_or_point += sparse.diags_array(np.where(inner & ~on_bath, 1.0, 0.0)) @ (weights @ from_corners)
-    points = sparse.vstack(
-        [
-            pick_first @ from_corners, pick_second @ from_corners + middle,
-            *ends_vertices, *(end @ vertex_or_point for end in ends_vertices),
-        ],
-        format="csr",
-    )  # fmt: skip
-    local = np.stack([(points @ component).reshape(6, -1) for component in grid.vertices])
+    inside = sparse.diags_array(np.where(inner & ~outer, 1.0, 0.0))
+    vertex = sparse.eye_array(n_vertices)
+    places = sparse.vstack(
+        [from_corners, middle.tocsr()[outside], vertex, vertex - inside + inside @ weights @ from_corners], format="csr"
+    )
+    middles = grid.cells + np.cumsum(outside) - 1
+    first_vertex = grid.cells + np.count_nonzero(outside)
+    place_of_point = np.stack(
+        [first, np.where(outside, middles, second), *(ends + first_vertex), *(ends + first_vertex + n_vertices)]
+    )
+    local = np.stack([(places @ component)[place_of_point] for component in grid.vertices])
     along = ends_vertices[1] - ends_vertices[0]
     return Diamonds(
         faces=faces,
@@ -86,10 +92,11 @@ def diamonds(grid: BlockGrid, permeable_edges: Collection[str]) -> Diamonds:
         across=(pick_second - pick_first).tocsr(),
         across_outside=middle.tocsr(),
         along=_clean(along @ weights),
-        along_outside=_clean(along @ to_bath),
+        along_outside=_clean(along @ to_outside),
         mean=(sparse.diags_array(np.where(outside, 0.0, 0.5)) @ (pick_first + pick_second)).tocsr(),
         outflow=(pick_first - pick_second).T.tocsr(),
-        points=points,
+        places=places,
+        place_of_point=place_of_point,
         reference_volumes=np.ascontiguousarray(diamond_metric(grid.section, *local)[0]),
     )
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from fvswell.block.block import Block, BlockState, Interval
 from fvswell.block.body import BlockBody
-from fvswell.block.edges import EdgeLoads, drive_names, edge_loads
 from fvswell.block.make_block import unknown_places
 from fvswell.numerics.body import complete_loads
 from fvswell.numerics.sparse_lu import DirectSolver
@@ -34,7 +33,7 @@ class NoEquilibrium(ValueError):
 
 
 def equilibrated_body(block: Block) -> tuple[BlockBody, State]:
-    """The block as it starts: in equilibrium with its bath, no edge loaded.
+    """The block as it starts: in equilibrium with its bath, no part loaded.
 
     Raises
     ------
@@ -48,26 +47,18 @@ def start_of(block: Block, unknowns: Array) -> tuple[BlockBody, State]:
     """Body and state of a block in equilibrium, from its unknowns there."""
     body = BlockBody(block, 1.0)
     body.initial_height = float(body.mean_height(block.positions(unknowns)))
-    names = drive_names(block.edges)
-    loads = np.full(len(names), np.nan)
-    loads[0] = block.concentration
-    interval = Interval(np.zeros((len(block.balances), block.grid.cells)), 0.0, block.concentration, _unloaded(block))
-    contents = block.evaluate(unknowns, interval).transport.contents
+    loads = np.full(len(body.load_names), np.nan)
+    contents = block.transport_at(unknowns, block.unloaded).contents
     complete_loads(body, unknowns, contents, loads)
-    return body, start_state(unknowns, contents, loads, parts=len(block.permeable_faces))
+    return body, start_state(unknowns, contents, loads, parts=len(block.crossed_parts))
 
 
 def initial_open_circuit_ratio(block: Block, unknowns: Array) -> Array:
     """k_open/k at the crossed faces ``(crossed,)`` of a block in equilibrium with its bath."""
-    transport = block.transport(block.positions(unknowns), block.potentials(unknowns), block.concentration)
+    transport = block.transport_at(unknowns, block.unloaded)
     J, tissue = transport.face_ratio, block.faces
     ions = ion_concentrations(tissue.osmotic, fixed_charge_density(tissue, J), transport.face_activity)
     return np.broadcast_to(open_circuit_ratio(tissue, J, *ions), J.shape)
-
-
-def _unloaded(block: Block) -> EdgeLoads:
-    names = drive_names(block.edges)
-    return edge_loads(names, np.full(len(names), np.nan))
 
 
 def _swollen(block: Block) -> Array:
@@ -92,8 +83,8 @@ def _balanced(block: Block, unknowns: Array) -> Array | None:
     """Unknowns with displacements in balance with the bath's potentials in all cells; None if none are found."""
     number, pattern, scale = block.degrees_of_freedom.number, block.pattern, block.momentum_scale
     cells, balances = block.grid.cells, len(block.balances)
-    interval = Interval(np.zeros((balances, cells)), 0.0, block.concentration, _unloaded(block))
-    places = unknown_places(block.grid, block.degrees_of_freedom, balances)
+    interval = Interval(np.zeros((balances, cells)), 0.0, block.unloaded)
+    places = unknown_places(block.grid, block.degrees_of_freedom, block.outside, balances)
     entries = np.flatnonzero((pattern.rows < number) & (pattern.columns < number))
     solver = DirectSolver(pattern.rows[entries], pattern.columns[entries], places[:, :number])
 
@@ -104,7 +95,8 @@ def _balanced(block: Block, unknowns: Array) -> Array | None:
         return state, norm if state.sound.all() and np.isfinite(norm) else np.inf
 
     start = unknowns.copy()
-    start[number:] = np.repeat(block.bath_potentials(block.concentration), cells)
+    bath = block.bath_potentials(block.concentration)
+    start[number:] = np.concatenate([np.repeat(bath, cells), bath[block.outside.potential]])
     state, norm = look(start)
     for _ in range(_MAX_ITERATIONS):
         if norm <= _CONVERGED:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fvswell.block.block import Block, BlockState, Interval
 from fvswell.block.transport import flux_change
+from fvswell.compiled import kernel
 from fvswell.physics.tissue import Array
 
 __all__ = ["Linearisation", "NewtonStep"]
@@ -50,9 +51,10 @@ class Linearisation:
         block = self.block
         change = -block.unknown_scale * self._factors.solve(state.residual / block.residual_scale)
         potentials = np.ascontiguousarray(block.potentials(change))
-        flow = np.empty_like(state.transport.fluxes)
+        flow, points = np.empty_like(state.transport.fluxes), np.empty_like(state.transport.points)
         moved = block.degrees_of_freedom.displacements(change[: block.degrees_of_freedom.number])
-        flux_change(block.tables, self._local.transport, np.ascontiguousarray(moved), potentials, flow)
+        across, along = block.outside_change(block.outer(change))
+        flux_change(block.tables, self._local.transport, moved, potentials, across, along, points, flow)
         flow += interval.duration * state.transport.fluxes
         outflow = (block.diamonds.outflow @ flow.T).T
         contents = interval.base - outflow / block.grid.volumes
@@ -69,10 +71,24 @@ class Linearisation:
 
 def measure(block: Block, contents: Array, unknowns: Array) -> float:
     """Size of changes, comparable to a strain: the largest of means over the block, each relative to a natural size."""
-    volumes = block.grid.volumes
-    first, size = block.degrees_of_freedom.number, np.ptp(block.grid.vertices, axis=1).max()
-    potentials = np.abs(block.potentials(unknowns)) @ volumes / volumes.sum()
-    potentials[0] /= block.modulus.mean()
-    stored = np.abs(contents) @ volumes / volumes.sum() / block.content_scale
-    moved = np.abs(unknowns[:first]).mean() / size if first else 0.0
-    return float(max(moved, potentials.max(), stored.max()))
+    return float(_measure(block.grid.volumes, block.content_scale, *block.measure_scale, contents, unknowns))
+
+
+@kernel
+def _measure(volumes: Any, content_scale: Any, length: Any, modulus: Any, contents: Any, unknowns: Any) -> Any:
+    balances, cells = contents.shape
+    first = len(unknowns) - balances * cells
+    largest, total = 0.0, 0.0
+    for k in range(first):
+        largest += abs(unknowns[k]) / (first * length)
+    for c in range(cells):
+        total += volumes[c]
+    for b in range(balances):
+        stored, potential = 0.0, 0.0
+        for c in range(cells):
+            stored += abs(contents[b, c]) * volumes[c]
+            potential += abs(unknowns[first + b * cells + c]) * volumes[c]
+        for mean in (stored / (total * content_scale[b]), potential / (total * (modulus if b == 0 else 1.0))):
+            if largest == largest and not mean <= largest:  # or not a number: the system is singular
+                largest = mean
+    return largest

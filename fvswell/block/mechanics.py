@@ -84,7 +84,7 @@ def mechanics_room(cells: int) -> Mechanics:
     """Arrays for `find_forces`."""
     points = 4 * cells
     shapes: list[tuple[int, ...]] = [(5, points), (5, points), (5, 5, points), (8, cells), (8, cells)]
-    return Mechanics(*(np.zeros(shape) for shape in shapes))
+    return Mechanics(*(np.empty(shape) for shape in shapes))
 
 
 @kernel
@@ -210,19 +210,23 @@ def find_edge_forces(
 
 
 def deformation_gradient(solid: BlockSolid, slab: float, positions: Array) -> Array:
-    """F at the integration points, ``(5, 4, cells)``, from positions of the vertices; ``slab`` is of the section."""
-    x, y = positions[:, solid.cell_vertices]
+    """F at the integration points, ``(5, ..., 4, cells)``, from positions of the vertices ``(..., 2, vertices)``.
+
+    ``slab`` is of the section.
+    """
+    x, y = np.moveaxis(positions[..., solid.cell_vertices], -3, 0)
     by_x, by_y, hoop = np.moveaxis(solid.slopes, 2, 0)
     parts = ((by_x, x), (by_y, x), (by_x, y), (by_y, y), (hoop, x))
-    F = np.stack([np.einsum("cqa,ac->qc", slope, component) for slope, component in parts])
+    F = np.stack([np.einsum("cqa,...ac->...qc", slope, component) for slope, component in parts])
     F[4] += slab
     return F
 
 
 def cell_stress(solid: BlockSolid, law: type, F: Array) -> SolidStress:
-    """Cauchy stress of the solid, means over the cells, each component ``(cells,)``."""
-    stress = cauchy_stress(law(*solid.parameters[:-1]), solid.parameters[-1], tuple(F.reshape(5, -1)))
-    return SolidStress(*(component.reshape(4, -1).mean(axis=0) for component in stress))
+    """Cauchy stress of the solid, means over the cells, each component ``(..., cells)``; F as above."""
+    *numbers, fluid_fraction = solid.parameters.reshape(len(solid.parameters), *F.shape[-2:])
+    stress = cauchy_stress(law(*numbers), fluid_fraction, tuple(F))
+    return SolidStress(*(component.mean(axis=-2) for component in stress))
 
 
 def _shape_functions() -> tuple[Array, Array]:

@@ -48,14 +48,12 @@ class Newton:
     ----------
     block
         The block.
-    constant
-        Of convergence, as known from before; infinite where it is not.
     """
 
     linearise: type[Linearisation] = Linearisation
 
-    def __init__(self, block: Block, constant: float = np.inf) -> None:
-        self.block, self.constant = block, constant
+    def __init__(self, block: Block) -> None:
+        self.block, self.constant = block, np.inf  # the constant is seen at the second iteration
         self.linearisation: Linearisation | None = None
         self.factorisations = 0
 

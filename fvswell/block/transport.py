@@ -20,7 +20,15 @@ from fvswell.block.geometry import diamond_metric, quadrilateral_gradient, quadr
 from fvswell.compiled import kernel, point
 from fvswell.compiled.dual import slope_of, variables
 
-__all__ = ["Transport", "TransportSlopes", "TransportTables", "find_transport", "find_transport_slopes", "flux_change"]
+__all__ = [
+    "Transport",
+    "TransportSlopes",
+    "TransportTables",
+    "find_transport",
+    "find_transport_slopes",
+    "find_volume_ratio",
+    "flux_change",
+]
 
 
 class TransportTables(NamedTuple):
@@ -33,7 +41,8 @@ class TransportTables(NamedTuple):
     face_cells: Any  # (2, crossed), see `fvswell.block.diamonds` from here on
     face_parameters: Any  # (parameters + 1, crossed)
     along: Any
-    points: Any
+    places: Any
+    place_of_point: Any  # (6, crossed)
     reference_volumes: Any  # (crossed,)
 
 
@@ -45,6 +54,7 @@ class Transport(NamedTuple):
     osmotic: Any  # (3, cells): pressure, and its slopes by J and ln a~
     salt: Any  # (3, cells): content of anions, and its slopes
     contents: Any  # (balances, cells), per reference volume
+    points: Any  # (2, places) of the diamonds
     face_ratio: Any  # (crossed,): J of the diamonds
     face_activity: Any  # (crossed,)
     metric: Any  # (3, crossed), see `geometry.diamond_metric`
@@ -67,12 +77,13 @@ class TransportSlopes(NamedTuple):
     points: Any  # (balances, 12, crossed): by the points of the diamonds, all x before all y
 
 
-def transport_room(balances: int, cells: int, crossed: int) -> Transport:
+def transport_room(balances: int, tables: TransportTables) -> Transport:
     """Arrays for `find_transport`."""
-    cell, face = (cells,), (crossed,)
-    shapes: list[tuple[int, ...]] = [cell, cell, (3, cells), (3, cells), (balances, cells), face, face, (3, crossed)]
-    shapes += [(balances, crossed)] * 4 + [(balances, 2 + balances, crossed), (balances, cells)]
-    return Transport(*(np.zeros(shape) for shape in shapes))
+    cell, face = (len(tables.volumes),), (len(tables.reference_volumes),)
+    points = (2, len(tables.places[0]) - 1)
+    shapes: list[tuple[int, ...]] = [cell, cell, (3, *cell), (3, *cell), (balances, *cell), points, face, face]
+    shapes += [(3, *face)] + [(balances, *face)] * 4 + [(balances, 2 + balances, *face), (balances, *cell)]
+    return Transport(*(np.empty(shape) for shape in shapes))
 
 
 def csr_arrays(matrix: Any) -> tuple[Any, Any, Any]:
@@ -91,14 +102,30 @@ def row_product(matrix: Any, row: Any, vector: Any) -> Any:
 
 
 @point
-def _diamond_points(tables: Any, component: Any, f: Any) -> Any:
-    """One coordinate of the six points of a diamond."""
-    n = tables.face_cells.shape[1]
+def _find_points(tables: Any, positions: Any, points: Any) -> Any:
+    """Positions, or displacements, of all points of the diamonds, (2, places)."""
+    for component in range(2):
+        for place in range(points.shape[1]):
+            points[component, place] = row_product(tables.places, place, positions[component])
+
+
+@point
+def _of_diamond(tables: Any, values: Any, f: Any) -> Any:
+    """Values, ``(places,)``, at the six points of a diamond."""
+    p = tables.place_of_point
     return (
-        row_product(tables.points, f, component), row_product(tables.points, n + f, component),
-        row_product(tables.points, 2 * n + f, component), row_product(tables.points, 3 * n + f, component),
-        row_product(tables.points, 4 * n + f, component), row_product(tables.points, 5 * n + f, component),
+        values[p[0, f]], values[p[1, f]], values[p[2, f]], values[p[3, f]], values[p[4, f]], values[p[5, f]]
     )  # fmt: skip
+
+
+@kernel
+def find_volume_ratio(section: Any, tables: Any, positions: Any, volume_ratio: Any) -> Any:
+    """Set the volumes of the cells over those of reference, (cells,), with the vertices at positions."""
+    v = tables.cell_vertices
+    for c in range(len(volume_ratio)):
+        x = (positions[0, v[0, c]], positions[0, v[1, c]], positions[0, v[2, c]], positions[0, v[3, c]])
+        y = (positions[1, v[0, c]], positions[1, v[1, c]], positions[1, v[2, c]], positions[1, v[3, c]])
+        volume_ratio[c] = quadrilateral_volume(section, x, y) / tables.volumes[c]
 
 
 @kernel
@@ -129,9 +156,9 @@ def find_transport(
     potentials
         Of the cells, (balances, cells).
     outside_across, outside_along
-        (balances, crossed): what the bath adds to the differences of the potentials across and along the faces.
+        (balances, crossed): what `fvswell.block.outside.Beyond` adds to the differences of the potentials.
     log_bath
-        ln a~ of the bath, for models in which it is that of the cells as well.
+        ln a~ of the reference bath, for models in which it is that of the cells as well.
     result
         `Transport`, set.
     """
@@ -152,9 +179,10 @@ def find_transport(
         for b in range(balances):
             result.outflow[b, c] = 0.0
     crossed = tables.face_cells.shape[1]
+    _find_points(tables, positions, result.points)
     for f in range(crossed):
         metric = diamond_metric(
-            section, _diamond_points(tables, positions[0], f), _diamond_points(tables, positions[1], f)
+            section, _of_diamond(tables, result.points[0], f), _of_diamond(tables, result.points[1], f)
         )
         for m in range(3):
             result.metric[m, f] = metric[m]
@@ -204,8 +232,8 @@ def find_transport_slopes(section: Any, tables: Any, positions: Any, transport: 
             slopes.contents_by_activity[1, c] = tables.volumes[c] * transport.salt[2, c]
             slopes.contents_by_activity[2, c] = 0.0
     for f in range(crossed):
-        x = _diamond_points(tables, positions[0], f)
-        y = _diamond_points(tables, positions[1], f)
+        x = _of_diamond(tables, transport.points[0], f)
+        y = _of_diamond(tables, transport.points[1], f)
         p = variables(x[0], x[1], x[2], x[3], x[4], x[5], y[0], y[1], y[2], y[3], y[4], y[5])
         volume, by_across, by_along = diamond_metric(
             section, (p[0], p[1], p[2], p[3], p[4], p[5]), (p[6], p[7], p[8], p[9], p[10], p[11])
@@ -228,29 +256,46 @@ def find_transport_slopes(section: Any, tables: Any, positions: Any, transport: 
 
 
 @kernel
-def flux_change(tables: Any, slopes: Any, displacements: Any, potentials: Any, change: Any) -> Any:
+def flux_change(
+    tables: Any,
+    slopes: Any,
+    displacements: Any,
+    potentials: Any,
+    outside_across: Any,
+    outside_along: Any,
+    points: Any,
+    change: Any,
+) -> Any:
     """Change of what flows through the faces in the duration of the slopes, (balances, crossed), by linearisation.
 
-    ``displacements`` (2, vertices) and ``potentials`` (balances, cells) are those of a Newton step.
+    ``displacements`` (2, vertices), ``potentials`` (balances, cells) and the differences of potentials that are made
+    outside, (balances, crossed) each, are those of a Newton step; ``points`` is set as that of `Transport` is.
     """
     balances = potentials.shape[0]
+    _find_points(tables, displacements, points)
     for f in range(tables.face_cells.shape[1]):
         first, second = tables.face_cells[0, f], tables.face_cells[1, f]
-        x = _diamond_points(tables, displacements[0], f)
-        y = _diamond_points(tables, displacements[1], f)
+        x = _of_diamond(tables, points[0], f)
+        y = _of_diamond(tables, points[1], f)
         for b in range(balances):
-            total = 0.0
-            for k in range(6):
-                total += slopes.points[b, k, f] * x[k] + slopes.points[b, 6 + k, f] * y[k]
-            for g in range(balances):
-                across = -potentials[g, first]
+            p = slopes.points
+            change[b, f] = (
+                p[b, 0, f] * x[0] + p[b, 1, f] * x[1] + p[b, 2, f] * x[2] + p[b, 3, f] * x[3] + p[b, 4, f] * x[4]
+                + p[b, 5, f] * x[5] + p[b, 6, f] * y[0] + p[b, 7, f] * y[1] + p[b, 8, f] * y[2] + p[b, 9, f] * y[3]
+                + p[b, 10, f] * y[4] + p[b, 11, f] * y[5]
+            )  # fmt: skip
+            if balances > 1:
+                at_face = outside_across[1, f]
                 if second >= 0:
-                    across += potentials[g, second]
-                along = row_product(tables.along, f, potentials[g])
-                total += slopes.across[b, g, f] * across + slopes.along[b, g, f] * along
-            if balances > 1 and second >= 0:
-                total += slopes.by_activity[b, 0, f] * 0.5 * (potentials[1, first] + potentials[1, second])
-            change[b, f] = total
+                    at_face = 0.5 * (potentials[1, first] + potentials[1, second])
+                change[b, f] += slopes.by_activity[b, 0, f] * at_face
+        for g in range(balances):
+            across = outside_across[g, f] - potentials[g, first]
+            if second >= 0:
+                across += potentials[g, second]
+            along = outside_along[g, f] + row_product(tables.along, f, potentials[g])
+            for b in range(balances):
+                change[b, f] += slopes.across[b, g, f] * across + slopes.along[b, g, f] * along
 
 
 def transport_tables(
@@ -260,5 +305,6 @@ def transport_tables(
     return TransportTables(
         np.ascontiguousarray(cell_vertices, dtype=np.int64), volumes, cell_parameters, csr_arrays(storage),
         np.ascontiguousarray(diamonds.cells, dtype=np.int64), face_parameters, csr_arrays(diamonds.along),
-        csr_arrays(diamonds.points), diamonds.reference_volumes,
+        csr_arrays(diamonds.places), np.ascontiguousarray(diamonds.place_of_point, dtype=np.int64),
+        diamonds.reference_volumes,
     )  # fmt: skip

@@ -6,29 +6,54 @@ from collections.abc import Iterator, Sequence
 
 from fvswell.boundary.parts import CONDUCTING, Part
 
-__all__ = ["part_problems"]
+__all__ = ["condition_problems"]
 
 
-def part_problems(parts: Sequence[Part]) -> Iterator[tuple[Part | None, str]]:
-    """Contradictions between conditions: the part that each is about, or None, and what is wrong.
+def condition_problems(parts: Sequence[Part]) -> list[str]:
+    """Contradictions between the bath and electrical conditions of all parts of a body; an empty list if none."""
+    closed = [] if any(part.open for part in parts) else ["no part is open to a bath: at least one has to be"]
+    return [*closed, *_electrodes(parts), *_circuit(parts)]
 
-    Parameters
-    ----------
-    parts
-        All parts of the boundary of a body.
-    """
-    if not any(part.open for part in parts):
-        yield None, "no part is open to a bath: at least one has to be"
+
+def _electrodes(parts: Sequence[Part]) -> Iterator[str]:
     for part in parts:
-        if part.open and part.electrode != "bath":
-            yield part, "is open to a bath, which carries the current: an electrode in the wall is for closed parts"
-        elif not part.open and part.electrical in CONDUCTING and part.electrode == "bath":
-            yield part, f'is closed and {part.electrical}: it needs electrode = "cation" or "anion", or bath = "open"'
-        elif part.electrode != "bath" and part.electrical not in CONDUCTING:
-            yield part, f"has an electrode but no current: give electrical as one of {', '.join(CONDUCTING)}"
-    conducting = [part for part in parts if part.electrical in CONDUCTING]
-    driven = [part for part in conducting if part.electrical == "current"]
-    if driven and not any(part.electrical in ("grounded", "potential") for part in conducting):
-        yield driven[0], "is given a current, which has no way back: ground another part"
-    if conducting and all(part.electrical == "floating" for part in conducting):
-        yield conducting[0], "floats, and so does every other part: ground one, which is the reference of the potential"
+        conducts, wall = part.electrical in CONDUCTING, part.electrode != "bath"
+        if part.open and wall:
+            yield (
+                f"the part {part.name} is open and has an electrode for {part.electrode}s: an electrode lies in the "
+                "wall of a closed part, as an open one conducts through its bath"
+            )
+        elif not part.open and conducts and not wall:
+            yield (
+                f"the part {part.name} is {_condition(part)}, but closed: to conduct it needs an electrode in the "
+                "wall, for cations or anions"
+            )
+        elif wall and not conducts:
+            yield (
+                f"the part {part.name} has an electrode, but is insulating: make it {', '.join(CONDUCTING[:-1])} or "
+                f"{CONDUCTING[-1]}"
+            )
+
+
+def _circuit(parts: Sequence[Part]) -> Iterator[str]:
+    """Currents without a return, and potentials without a reference."""
+    if any(part.electrical in ("grounded", "potential") for part in parts) or not any(part.open for part in parts):
+        return
+    given = [part.name for part in parts if part.electrical == "current"]
+    floating = [part.name for part in parts if part.electrical == "floating"]
+    if given:
+        yield (
+            f"the current given at {_listed(given)} has no way back: make another part grounded or give its potential"
+        )
+    elif floating:
+        yield f"{_listed(floating)} can float only against a part that is grounded or at a given potential"
+    else:
+        yield "no part is grounded or at a given potential, so that electric potentials have no reference"
+
+
+def _condition(part: Part) -> str:
+    return f"given a {part.electrical}" if part.electrical in ("current", "potential") else part.electrical
+
+
+def _listed(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

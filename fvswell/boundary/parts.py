@@ -26,7 +26,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["CONDUCTING", "ELECTRICAL", "ELECTRODES", "HELD", "LOADED", "MECHANICAL", "Part", "load_names"]
+__all__ = ["CONDUCTING", "ELECTRICAL", "ELECTRODES", "HELD", "LOADED", "MEASURED", "MECHANICAL", "Part", "load_names"]
 
 Mechanical = Literal["fixed", "roller", "free", "straight", "glued-plate"]
 Electrical = Literal["insulating", "grounded", "floating", "current", "potential"]
@@ -37,6 +37,11 @@ ELECTRICAL: tuple[Electrical, ...] = ("insulating", "grounded", "floating", "cur
 ELECTRODES: tuple[Electrode, ...] = ("bath", "cation", "anion")
 CONDUCTING = ("grounded", "floating", "current", "potential")
 HELD = ("fixed", "roller")  # nothing drives them, and their reactions are results
+# histories that a result has of a part, named "PART_KIND"
+MEASURED = (
+    "pressure", "force", "displacement", "tangential_displacement", "bath_concentration", "bath_pressure",
+    "water_volume", "cation_amount", "anion_amount", "current", "potential",
+)  # fmt: skip
 # loads that each mechanical condition takes; at most one at a time, but for the tangential displacement
 LOADED: Mapping[str, tuple[str, ...]] = {
     "fixed": (),

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fvswell.boundary.sides import EDGE_AXIS, EDGES, OUTWARD
+from fvswell.boundary.sides import EDGE_AXIS, OUTWARD
 from fvswell.case.errors import Finding
 from fvswell.case.geometry import BlockGeometry
 from fvswell.case.loads import StrainLoad, extremes, shape_of
@@ -25,19 +25,25 @@ _LARGEST_ASPECT_RATIO = 1e5  # of a cell
 
 def edge_conditions(case: CaseTable) -> Iterator[Finding]:
     """What is wrong with the edges, the probe, the cells, the durations, and the kinds of loads on the edges."""
-    from fvswell.block.edges import EdgeCondition, check_edges  # takes scipy along, which columns need not wait for
+    from fvswell.block.part_checks import check_parts  # takes scipy along, which columns need not wait for
 
     geometry = _geometry(case)
-    conditions = {part.edge: EdgeCondition(part.mechanical, part.open) for part in case.parts}
-    if missing := [edge for edge in EDGES if edge not in conditions]:
-        yield Finding(("boundary",), f"no part covers the {' or '.join(missing)} edge")
-        return
-    for problem in check_edges(geometry.kind == "axisymmetric", conditions):
-        yield Finding(("boundary",), problem)
+    problems = check_parts(geometry.kind == "axisymmetric", geometry.extent, case.parts)
+    yield from (Finding(("boundary",), problem) for problem in problems)
     width, height = geometry.extent
     if geometry.probe is not None and (geometry.probe[0] > width or geometry.probe[1] > height):
         yield Finding(("geometry", "probe"), f"lies outside the block, which is {width:g} mm x {height:g} mm")
-    x, y = (np.diff(nodes) for nodes in geometry.grid_nodes())
+    if case.assembly == "stock-terms":
+        yield Finding(("assembly",), "is for columns: FiPy's own terms cannot express a block")
+    for index, phase in enumerate(case.phase):
+        if isinstance(phase.duration, RelaxationTimes):
+            yield Finding(("phase", index, "duration"), "relaxation times are of columns: give the duration in s")
+    try:
+        x, y = (np.diff(nodes) for nodes in geometry.grid_nodes(case.parts))
+    except ValueError as error:  # parts that are too small, or are not there
+        if not problems:
+            yield Finding(("geometry", "cells"), str(error))
+        return
     longest = max(x.max() / y.min(), y.max() / x.min())
     if not longest <= _LARGEST_ASPECT_RATIO:
         yield Finding(
@@ -45,11 +51,6 @@ def edge_conditions(case: CaseTable) -> Iterator[Finding]:
             f"a cell would be {longest:.2g} times as long as wide, more than {_LARGEST_ASPECT_RATIO:g}: change the "
             "lengths of the block, the cells or their grading",
         )
-    if case.assembly == "stock-terms":
-        yield Finding(("assembly",), "is for columns: FiPy's own terms cannot express a block")
-    for index, phase in enumerate(case.phase):
-        if isinstance(phase.duration, RelaxationTimes):
-            yield Finding(("phase", index, "duration"), "relaxation times are of columns: give the duration in s")
 
 
 def edge_loads(case: CaseTable, tissue: Tissue, points: Array) -> Iterator[Finding]:

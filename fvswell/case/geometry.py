@@ -6,7 +6,7 @@ Whatever depends on the geometry asks it: which phases it has, what its parts ar
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -118,7 +118,7 @@ class BlockGeometry(Geometry):
         default=1.0, description="Largest cell over smallest, along each axis that is graded."
     )
     finest_at: Annotated[tuple[str, ...], Names(EDGES)] = Field(
-        default=(), description="Edges at which the smallest cells lie."
+        default=(), description="Edges at which the smallest cells lie; they also do where parts of an edge meet."
     )
     former: ClassVar[Mapping[str, str]] = {"edges": "the heading [boundary]"}
 
@@ -154,15 +154,23 @@ class BlockGeometry(Geometry):
         )
         return np.stack(np.meshgrid(x, y)).reshape(2, -1)
 
-    def grid_nodes(self) -> tuple[Array, Array]:
-        """Coordinates of the grid's nodes along x and along y, mm."""
+    def grid_nodes(self, parts: Sequence[Part]) -> tuple[Array, Array]:
+        """Coordinates of the grid's nodes along x and along y, mm; parts of an edge meet at nodes.
+
+        Raises
+        ------
+        ValueError
+            If there are too few cells for the parts.
+        """
         ends = {"left": "start", "right": "end", "bottom": "start", "top": "end"}
         sides = (("left", "right"), ("bottom", "top"))
-        x, y = (
-            graded_nodes(length, cells, self.grading, [ends[edge] for edge in edges if edge in self.finest_at])
-            for length, cells, edges in zip(self.extent, self.cells, sides, strict=True)
-        )
-        return x, y
+        nodes = []
+        for axis, (length, cells) in enumerate(zip(self.extent, self.cells, strict=True)):
+            along = [part for part in parts if part.edge in sides[1 - axis]]
+            inside = sorted({end for part in along for end in (part.start, part.end) if 0.0 < end < length})
+            finest: list[str | float] = [ends[edge] for edge in sides[axis] if edge in self.finest_at]
+            nodes.append(graded_nodes(length, cells, self.grading, [*finest, *inside]))
+        return nodes[0], nodes[1]
 
 
 class PlaneStrainGeometry(BlockGeometry):

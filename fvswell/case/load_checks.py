@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from fvswell.boundary.checks import part_problems
-from fvswell.boundary.parts import LOADED, Part
+from fvswell.boundary.checks import condition_problems
+from fvswell.boundary.parts import LOADED, MEASURED, Part
 from fvswell.case.acting_loads import acting_loads, moved_part, reference_bath
 from fvswell.case.errors import Finding, Location, nearest_name
 from fvswell.case.loads import AnyLoad, Sine, StrainLoad, jumps, kept, settled, shape_of
@@ -21,9 +21,9 @@ _BATH = ("bath_concentration", "bath_pressure")
 
 def load_findings(case: CaseTable) -> Iterator[Finding]:
     """What is wrong with the conditions on the parts, and with the loads of the phases."""
-    for part, problem in part_problems(case.parts):
-        place: Location = ("boundary",) if part is None else ("boundary", part.name)
-        yield Finding(place, problem)
+    if case.geometry.kind == "column":
+        for problem in condition_problems(case.parts):
+            yield Finding(("boundary",), problem)
     unknown = list(_unknown_parts(case))
     yield from unknown
     yield from _long_loads(case)
@@ -32,6 +32,19 @@ def load_findings(case: CaseTable) -> Iterator[Finding]:
         yield from _jumps(case)
         yield from _rates(case)
         yield from _two_baths(case)
+    yield from _unknown_measure(case)
+
+
+def _unknown_measure(case: CaseTable) -> Iterator[Finding]:
+    """A history to compare by that no result has."""
+    measured = case.output.measured
+    if measured is None:
+        return
+    known = [*case.geometry.histories, "height", *(f"{part.name}_{kind}" for part in case.parts for kind in MEASURED)]
+    if measured not in known:
+        near = nearest_name(measured, known)
+        hint = f"; did you mean {near}?" if near else ""
+        yield Finding(("output", "measured"), f"is no history of this sample: {', '.join(known)}{hint}")
 
 
 def _unknown_parts(case: CaseTable) -> Iterator[Finding]:

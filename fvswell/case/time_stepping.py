@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field
 
 from fvswell.case.tables import Table
-from fvswell.case.values import Count, Quantity, Times
+from fvswell.case.values import Count, Quantity, Text, Times
 
 __all__ = ["STEPS_PER_PHASE", "BackwardEuler", "Esdirk43", "Output", "TimeStepping"]
 
@@ -85,3 +85,9 @@ class Output(Table):
         default=None, description="Write at these times from the start of the run."
     )
     every: Annotated[int | None, Count(1)] = Field(default=None, description="Write every this many steps.")
+    measured: Annotated[str | None, Text()] = Field(
+        default=None,
+        description="History that the experiment measures and models are compared by, such as global_strain, "
+        "piston_pressure or piston_potential. Without it the strain of a sample under loads, and the pressure of a "
+        "part whose displacement is given.",
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 import time
 from pathlib import Path
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 
 __all__ = ["app", "main"]
 
+_GARBAGE_THRESHOLD = 100_000  # imports make as many objects, which all stay: to look for garbage among them takes 0.1 s
+
 app = typer.Typer(
     help="Swelling and compression of soft, charged, hydrated tissues by three models: biphasic, "
     "biphasic-swelling and electrochemical.",
@@ -45,6 +48,7 @@ app = typer.Typer(
 
 def main() -> None:
     """Run the command line."""
+    gc.set_threshold(_GARBAGE_THRESHOLD)
     for stream in (sys.stdout, sys.stderr):
         stream.reconfigure(errors="replace")  # type: ignore[union-attr]  # titles in any script, on any terminal
     app(prog_name="fvswell")
@@ -107,6 +111,10 @@ def check(
     case_file: CaseFile,
     settings: Settings = None,
     strict: Annotated[bool, typer.Option("--strict", help="Fail on warnings as well.")] = False,
+    figure: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Draw the body with its parts, and what acts on them: .png, .pdf or .svg."),
+    ] = None,
 ) -> None:
     """Check a case: all that is wrong, or derived numbers."""
     from fvswell.analysis.characteristics import characteristics
@@ -122,6 +130,9 @@ def check(
     console.table(table)
     console.lines("", *lines)
     warnings = print_warnings(case)
+    if figure is not None:
+        _draw_case(case, figure)
+        console.lines(f"wrote {figure}")
     if strict and warnings:
         raise CaseError([Problem("", "", "has warnings, and --strict lets none pass")], case.source)
     console.lines(f"{case_file}: is valid")
@@ -135,13 +146,20 @@ def new(
         str | None,
         typer.Option(metavar="NAME", help="Properties of a tissue from the literature, such as annulus-fibrosus."),
     ] = None,
+    like: Annotated[
+        str | None, typer.Option(metavar="EXPERIMENT", help="A shipped case, such as indentation or stress-relaxation.")
+    ] = None,
     force: Force = False,
 ) -> None:
     """Write a commented case to begin with."""
     from fvswell.case.case import starter_text
+    from fvswell.case.shipped import shipped_text
     from fvswell.case.starter import starter_of_tissue
 
+    if like is not None and tissue is not None:
+        raise CaseError([Problem("--like", like, "cannot stand beside --tissue")], "new")
     text = starter_text() if tissue is None else starter_of_tissue(tissue)
+    text = text if like is None else shipped_text(like)
     path = name if name.suffix == ".toml" else name.with_name(f"{name.name}.toml")
     try:
         with path.open("w" if force else "x", encoding="utf-8") as file:
@@ -160,6 +178,10 @@ def compare(
     models: Annotated[
         str, typer.Option(metavar="A,B,...", help="Models to compare, separated by commas.")
     ] = "biphasic,biphasic-swelling,electrochemical",
+    measured: Annotated[
+        str | None,
+        typer.Option("--by", metavar="HISTORY", help="What to compare, such as piston_pressure or piston_potential."),
+    ] = None,
     settings: Settings = None,
     output: Directory = None,
     force: Force = False,
@@ -190,7 +212,7 @@ def compare(
     for name, each in cases.items():
         result = results[name] = _simulate(each, paths[name], force, console, durations).dataset()
         durations = phase_lengths(result)
-    comparison = compare_results(results)
+    comparison = compare_results(results, measured)
     write_table(table, comparison.header, comparison.rows)
     draw = block_comparison_figure if all_blocks(results) else comparison_figure
     for figure in figures:
@@ -236,10 +258,12 @@ def info(
     result: Annotated[Path, typer.Argument(metavar="RESULT", help="A result (.nc).")],
 ) -> None:
     """Show what is in a result."""
+    from fvswell.analysis.cycles import cycles
     from fvswell.case.case import Case
     from fvswell.reporting.reports import (
         case_lines,
         content_table,
+        cycle_lines,
         effort_lines,
         phase_table,
         result_lines,
@@ -256,13 +280,22 @@ def info(
         console.table(states_table(states))
         console.lines("")
     console.table(phase_table(dataset, case))
-    console.lines("", *effort_lines(dataset), "")
+    console.lines("", *effort_lines(dataset), *cycle_lines(cycles(case, dataset)), "")
     console.table(content_table(dataset))
 
 
 app.add_typer(blocks.app)
 app.add_typer(studies.app)
 app.add_typer(fits.app)
+
+
+def _draw_case(case: Case, path: Path) -> None:
+    """Draw a case; durations that a run has to find are found."""
+    from fvswell.reporting.case_figure import case_figure
+    from fvswell.reporting.plots import save_figure
+    from fvswell.simulation.relaxation import phase_durations
+
+    save_figure(case_figure(case, phase_durations(case)), path)
 
 
 def _simulate(
@@ -275,8 +308,9 @@ def _simulate(
     resume: bool = False,
 ) -> Outcome:
     """Run a case into a file, with progress and a summary; of a run that had to stop as well."""
+    from fvswell.analysis.cycles import cycles
     from fvswell.compiled.kernels import report_compilation
-    from fvswell.reporting.reports import duration_line, effort_lines, phase_table
+    from fvswell.reporting.reports import cycle_lines, duration_line, effort_lines, phase_table
     from fvswell.results.layout import COMPLETE
     from fvswell.simulation.run import simulate
 
@@ -301,6 +335,7 @@ def _simulate(
     console.lines("")
     console.table(phase_table(outcome.values, case))
     console.lines(*effort_lines(outcome.values), f"{time.perf_counter() - began:.1f} s, wrote {path}")
+    console.lines(*cycle_lines(cycles(case, outcome.dataset())))
     if outcome.status != COMPLETE:
         raise SolverError(f"{case.source}: {outcome.status}\n{path}: holds the result until then, marked as partial")
     return outcome

@@ -50,6 +50,11 @@ class Column:
     parts
         The filter at x = 0 and the piston at x = h: their names, baths and electrical conditions. That the filter is
         open to the bath, and the piston closed and an insulator, is the default.
+
+    Raises
+    ------
+    ValueError
+        If a closed part conducts and has no electrode.
     """
 
     grid: ColumnGrid
@@ -59,6 +64,13 @@ class Column:
     concentration: float
     open_circuit: OpenCircuit = "initial"
     parts: Parts = FILTER_AND_PISTON
+
+    def __post_init__(self) -> None:
+        for part in self.parts:
+            if not part.open and part.electrical != "insulating" and electrode_sign(part) == 0.0:
+                raise ValueError(
+                    f"{part.name}: a closed part that conducts needs an electrode, for cations or for anions"
+                )
 
     def initial_volume_ratio(self) -> Array:
         """J of the cells in equilibrium with the bath under no load, (cells,); nan where there is no equilibrium."""

@@ -49,16 +49,22 @@ def electrical_loads(parts: Parts, given: Mapping[str, Any]) -> dict[str, Any]:
     dict
         Loads by their names in `fvswell.column.balances.COLUMN_LOADS`; None for what is found.
     """
-    loads: dict[str, Any] = dict.fromkeys(("filter_current", "piston_current", "filter_potential", "piston_potential"))
     ends = dict(zip(("filter", "piston"), parts, strict=True))
-    if current_is_found(parts):
-        return loads | {
-            f"{end}_potential": given.get(f"{part.name}.potential") or Load(0.0) for end, part in ends.items()
-        }
-    driven = [end for end, part in ends.items() if part.electrical == "current"]
-    if not driven or any(part.electrical in ("insulating", "floating") for part in parts):
-        return loads | {"filter_current": Load(0.0)}
-    return loads | {f"{driven[0]}_current": given.get(f"{ends[driven[0]].name}.current") or Load(0.0)}
+
+    def load(part: Part, kind: str) -> Any:
+        return given.get(f"{part.name}.{kind}") or Load(0.0)
+
+    currents: dict[str, Any] = {f"{end}_current": None for end in ends}
+    potentials = {
+        f"{end}_potential": load(part, "potential") if part.electrical in _POTENTIAL_IS_GIVEN else None
+        for end, part in ends.items()
+    }
+    driven = next((end for end, part in ends.items() if part.electrical == "current"), None)
+    if driven is not None and not any(part.electrical in ("insulating", "floating") for part in parts):
+        currents[f"{driven}_current"] = load(ends[driven], "current")
+    elif not current_is_found(parts):
+        currents["filter_current"] = Load(0.0)
+    return currents | potentials
 
 
 def potentials_of_parts(parts: Parts, difference: Array, loads: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -75,7 +81,8 @@ def potentials_of_parts(parts: Parts, difference: Array, loads: tuple[Array, Arr
     loads
         Potentials that are given for the two.
     """
-    given = [part.electrical in _POTENTIAL_IS_GIVEN for part in parts]
-    reference = given.index(True) if any(given) else [*(part.open for part in parts), True].index(True) % 2
+    given = [index for index, part in enumerate(parts) if part.electrical in _POTENTIAL_IS_GIVEN]
+    opened = [index for index, part in enumerate(parts) if part.open]
+    reference = [*given, *opened, 0][0]
     level = loads[reference] if parts[reference].electrical == "potential" else np.zeros_like(difference)
     return (level, level + difference) if reference == 0 else (level - difference, level)

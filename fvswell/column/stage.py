@@ -139,9 +139,7 @@ def _complete_loads(body: Any, unknowns: Any, contents: Any, loads: Any) -> Any:
 
 
 @find_unknowns.register(ColumnBody)
-def _find_unknowns(
-    body: Any, unknowns: Any, contents: Any, rate: Any, loads: Any, slopes: Any, duration: Any, clock: Any, report: Any
-) -> Any:
+def _find_unknowns(body: Any, unknowns: Any, contents: Any, loads: Any, slopes: Any) -> Any:
     balances, n = contents.shape
     for b in range(balances):
         for i in range(n):
@@ -154,7 +152,7 @@ def _find_rate(
     body: Any, unknowns: Any, contents: Any, loads: Any, slopes: Any, rate: Any, crossing: Any, clock: Any, report: Any
 ) -> Any:
     balances, n = contents.shape
-    _find_unknowns(body, unknowns, contents, rate, loads, slopes, 0.0, clock, report)
+    _find_unknowns(body, unknowns, contents, loads, slopes)
     evaluate_body(body, contents, loads)
     for b in range(balances):
         for i in range(n):
@@ -203,9 +201,7 @@ def _solve_stage(
         if not norm <= before and not size < _NEAR and halvings < _MAX_HALVINGS:
             halvings += 1  # worse than before: half the step
             fraction *= 0.5
-            for b in range(balances):
-                for i in range(n):
-                    contents[b, i] = body.start[b, i] + fraction * body.step[b, i]
+            _go(body, contents, fraction)
             pressure = body.start[balances - 1, n] + fraction * pressure_step
             current = start_current + fraction * current_step
             continue
@@ -226,25 +222,17 @@ def _solve_stage(
         for b in range(balances):
             for i in range(n):
                 body.start[b, i] = contents[b, i]
-                contents[b, i] += fraction * body.step[b, i]
+        _go(body, contents, fraction)
         pressure += fraction * pressure_step
         current += fraction * current_step
         report[UPDATE] = size
         if not np.isfinite(size):
             break
-        if fraction == 1.0:
-            seen = last < np.inf and size > _SMALLEST_KNOWN
-            if seen:
-                clock[NEWTON] = size / last**2
-            done = size <= max(tolerance, _ROUNDING)
-            if not done and clock[NEWTON] * size * size <= tolerance:
-                done = True
-                if not seen:
-                    clock[NEWTON] *= _FORGETTING
-            if done:
-                break
-        else:
+        if fraction < 1.0:
             size = np.inf
+        elif _has_converged(size, last, tolerance, clock):
+            done = True
+            break
     driest = _driest(body, contents if done else body.start)
     if driest >= 0:  # what the balances say of so little water is rounding
         report[REASON], report[POINT], report[BALANCE] = NO_WATER, driest, 0
@@ -258,6 +246,34 @@ def _solve_stage(
         unknowns[balances * n] = pressure
         unknowns[balances * n + 1] = current
     return done
+
+
+@point
+def _go(body: Any, contents: Any, fraction: Any) -> Any:
+    """Go a fraction of the step from the start."""
+    balances, n = contents.shape
+    for b in range(balances):
+        for i in range(n):
+            contents[b, i] = body.start[b, i] + fraction * body.step[b, i]
+
+
+@point
+def _has_converged(size: Any, last: Any, tolerance: Any, clock: Any) -> Any:
+    """Whether the error that a whole step leaves is within the tolerance; ``last`` is the size of the step before.
+
+    Newton's method is quadratic: the error is ``clock[NEWTON]`` times the square of the size. How fast it is has been
+    seen in this stage, or is remembered from an earlier one, and is trusted less each time.
+    """
+    seen = last < np.inf and size > _SMALLEST_KNOWN
+    if seen:
+        clock[NEWTON] = size / last**2
+    if size <= max(tolerance, _ROUNDING):
+        return True
+    if not clock[NEWTON] * size * size <= tolerance:
+        return False
+    if not seen:
+        clock[NEWTON] *= _FORGETTING
+    return True
 
 
 @point

@@ -14,7 +14,9 @@ import platform
 import shutil
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -43,16 +45,21 @@ class Kernel:
 
     def __call__(self, *arguments: Any) -> Any:
         """Run the compiled function."""
-        return (self._compiled or self._compile())(*arguments)
+        return (self._compiled or self._compile(arguments))(*arguments)
 
-    def _compile(self) -> Callable[..., Any]:
+    def _compile(self, arguments: tuple[Any, ...]) -> Callable[..., Any]:
         with _lock:
             if self._compiled is None:
                 numba = _numba()
                 if numba.config.DISABLE_JIT:
                     self._compiled = self.function
                 else:
-                    self._compiled = _cached(numba.njit(**_OPTIONS)(self.function))
+                    dispatcher = numba.njit(**_OPTIONS)(self.function)
+                    with _cache_in_place(numba) as cache:
+                        if cache:
+                            dispatcher.enable_caching()
+                        dispatcher.compile(tuple(map(dispatcher.typeof_pyval, arguments)))
+                    self._compiled = dispatcher
             return self._compiled
 
 
@@ -89,9 +96,11 @@ def law_kernel(make: Callable[..., Callable[..., Any]], dimensions: tuple[int, .
             else:
                 arrays = [numba.types.Array(numba.float64, ndim, "C") for ndim in dimensions]
                 with _cache_in_place(numba) as cache:
-                    _law_kernels[key] = numba.cfunc(
-                        numba.void(*arrays), cache=cache, nopython=True, error_model="numpy"
-                    )(function)
+                    compiled = numba.cfunc(numba.void(*arrays), cache=cache, nopython=True, error_model="numpy")(
+                        function
+                    )
+                compiled._numba_type_ = numba.typeof(compiled)  # else it is found in every call that takes it along
+                _law_kernels[key] = compiled
         return _law_kernels[key]
 
 
@@ -123,7 +132,7 @@ def cache_directory() -> Path | None:
     root = os.environ.get("FVSWELL_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     try:
         base = Path(root) if root else Path.home() / ".cache"
-        folder = base / "fvswell" / _key()
+        folder = base / "fvswell" / _key(len(noted_functions()))
         if not folder.exists():
             folder.mkdir(parents=True)
             _remove_old(folder)
@@ -134,8 +143,9 @@ def cache_directory() -> Path | None:
     return folder
 
 
-def _key() -> str:
-    """Name for everything that compiled code depends on."""
+@cache
+def _key(functions: int) -> str:
+    """Name for everything that compiled code depends on; functions of a point have been defined in that number."""
     digest = hashlib.sha256()
     package = Path(__file__).parent.parent
     files = {path for folder in ("compiled", "physics", "numerics", "column", "block")
@@ -157,11 +167,30 @@ def _remove_old(folder: Path) -> None:
 
 
 def _numba() -> Any:
-    import numba
+    with _lock:
+        import numba
 
-    give_to_numba()
-    _listen()
-    return numba
+        _import_without_blas()
+        give_to_numba()
+        _listen()
+        return numba
+
+
+def _import_without_blas() -> None:
+    """Import what numba asks for BLAS as it is imported: that takes scipy.linalg along, a quarter of a second.
+
+    Whoever compiles a product of matrices has numba ask again, and then gets it.
+    """
+    if "numba.np.arraymath" in sys.modules:
+        return
+    from numba.np import linalg
+
+    ask = linalg.ensure_blas
+    linalg.ensure_blas = lambda: None  # scipy is there: fvswell needs it
+    try:
+        import numba.np.arraymath  # noqa: F401
+    finally:
+        linalg.ensure_blas = ask
 
 
 def _listen() -> None:
@@ -186,26 +215,38 @@ def _listen() -> None:
 
 
 class _cache_in_place:
-    """Context in which numba caches into our folder; gives whether it can."""
+    """Context in which numba caches into our folder; gives whether it can.
+
+    One process at a time is in here: the others wait, and then find compiled what they need.
+    """
 
     def __init__(self, numba: Any) -> None:
         self.config = numba.config
         self.folder = cache_directory()
+        numba.core.registry.cpu_target.target_context.refresh()  # takes long, and nobody has to wait for it
 
     def __enter__(self) -> bool:
         self.usual = self.config.CACHE_DIR
+        self.alone = ExitStack()
         if self.folder is not None:
             self.config.CACHE_DIR = str(self.folder)
+            self.alone.enter_context(_one_process(self.folder))
         return self.folder is not None
 
     def __exit__(self, *error: object) -> None:
         self.config.CACHE_DIR = self.usual
+        self.alone.close()
 
 
-def _cached(dispatcher: Any) -> Any:
-    import numba
-
-    with _cache_in_place(numba) as cache:
-        if cache:
-            dispatcher.enable_caching()
-    return dispatcher
+@contextmanager
+def _one_process(folder: Path) -> Iterator[None]:
+    """Context that one process is in at a time, where the system can see to it; it ends with the process, too."""
+    try:
+        import fcntl
+    except ImportError:  # Windows: processes may compile the same twice
+        yield
+        return
+    with ExitStack() as stack:
+        with suppress(OSError):  # of a file system that has no locks
+            fcntl.flock(stack.enter_context((folder / "lock").open("a")), fcntl.LOCK_EX)
+        yield

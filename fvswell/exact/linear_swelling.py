@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fvswell.compiled.dual import Dual, variables
-from fvswell.exact.slab import mean_uptake, profile_uptake, relaxation_time
+from fvswell.exact.slab import mean_uptake, profile_uptake, ramp_uptake, relaxation_time
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.fluxes import mixture_fluxes, potential_gradient_of_current
 from fvswell.physics.models import Model
@@ -197,6 +197,12 @@ class LinearColumn:
         """
         share = self.response(boundary_change)[:, :, 0]
         value = mean_uptake(self._slab_time(time)) * share[..., None]
+        return value.sum(axis=1).real
+
+    def ramped_volume_change(self, time: Array, boundary_rate: Array) -> Array:
+        """The same as `mean_volume_change` where the contents at the filter change at a steady rate, 1/s each."""
+        share = self.response(boundary_rate)[:, :, 0] * (self.current_height[:, None] ** 2 / self.diffusivities)
+        value = ramp_uptake(self._slab_time(time)) * share[..., None]
         return value.sum(axis=1).real
 
     def relaxation_time(self, fraction: float) -> Array:

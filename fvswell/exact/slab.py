@@ -17,7 +17,7 @@ from scipy.special import erfc
 
 from fvswell.physics.tissue import Array
 
-__all__ = ["mean_uptake", "profile_uptake", "ramp_influx", "relaxation_time"]
+__all__ = ["mean_uptake", "profile_uptake", "ramp_influx", "ramp_uptake", "relaxation_time"]
 
 _CHANGE_OVER = 0.15
 _EXPONENTIALS = 5
@@ -31,6 +31,14 @@ def mean_uptake(time: Array) -> Array:
     lambda_n = (n + 1/2) pi. Shape of ``time``; zero up to time 0.
     """
     return _early_or_late(time, _mean_early, _mean_late)
+
+
+def ramp_uptake(time: Array) -> Array:
+    """Mean over the slab when the face at 0 rises as t and the face at 1 is closed: the integral of ``mean_uptake``.
+
+    t - 1/3 + sum 2/lambda_n^4 exp(-lambda_n^2 t), lambda_n = (n + 1/2) pi. Shape of ``time``; zero up to time 0.
+    """
+    return _early_or_late(time, _ramp_mean_early, _ramp_mean_late)
 
 
 def profile_uptake(position: Array, time: Array) -> Array:
@@ -87,6 +95,10 @@ def _integral_of_erfc(z: Array) -> Array:
     return np.exp(-z * z) / np.sqrt(np.pi) - z * erfc(z)
 
 
+def _third_integral_of_erfc(z: Array) -> Array:
+    return ((1.0 + z * z) * np.exp(-z * z) / np.sqrt(np.pi) - z * (1.5 + z * z) * erfc(z)) / 6.0
+
+
 def _mean_early(time: Array) -> Array:
     root = np.sqrt(_positive(time))
     images = sum((-1) ** n * _integral_of_erfc(n / root) for n in range(1, _IMAGES + 1))
@@ -103,6 +115,17 @@ def _mean_late(time: Array) -> Array:
         total += decay * (1.0 / (2 * n + 1) ** 2)
         ratio *= eighth
     return 1.0 - 8.0 / np.pi**2 * total
+
+
+def _ramp_mean_early(time: Array) -> Array:
+    root = np.sqrt(_positive(time))
+    images = sum((-1) ** n * _third_integral_of_erfc(n / root) for n in range(1, _IMAGES + 1))
+    return 8.0 * time * np.sqrt(time) * (1.0 / (6.0 * np.sqrt(np.pi)) + 2.0 * images)
+
+
+def _ramp_mean_late(time: Array) -> Array:
+    wave_numbers = (np.arange(_EXPONENTIALS) + 0.5) * np.pi
+    return time - 1.0 / 3.0 + sum(2.0 / k**4 * np.exp(-k * k * time) for k in wave_numbers)
 
 
 def _profile_early(time: Array, position: Array) -> Array:

@@ -1,7 +1,8 @@
 """A block whose Newton steps are found by FiPy: transport from our Term in FiPy's matrix, and FiPy's solver.
 
-FiPy has no variables at vertices, so the momentum balance is not its business: its rows and columns are put around the
-matrix that FiPy builds of the transport balances, and FiPy's solver takes the whole. All else is that of a `BlockBody`.
+FiPy has no variables at vertices, so the momentum balance is not its business: its rows and columns, and those of the
+boundary, are put around the matrix that FiPy builds of the transport balances, and FiPy's solver takes the whole. All
+else is that of a `BlockBody`.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ class FipyLinearisation(Linearisation):
         self._local = block.local_derivatives(state, interval.duration)
         first, pattern = block.degrees_of_freedom.number, block.pattern
         entries = block.jacobian(self._local, interval.loads)
-        around = (pattern.rows < first) | (pattern.columns < first)
+        around = ~pattern.within(first, pattern.size - block.outside.unknowns)
         transport = self._transport(interval).tocoo()
         values = np.concatenate([entries[around], transport.data])
         rows = np.concatenate([pattern.rows[around], transport.row + first])
@@ -62,7 +63,8 @@ class FipyLinearisation(Linearisation):
         potentials = block.potentials(state.unknowns)
         mesh = block_mesh(block.grid, state.positions)
         variable = CellVariable(mesh=mesh, value=potentials, elementshape=(len(potentials),))
-        term = BlockTransportTerm(block, variable, state.positions, interval.base, interval.bath)
+        beyond = block.beyond(interval.loads, block.outer(state.unknowns))
+        term = BlockTransportTerm(block, variable, state.positions, interval.base, beyond)
         matrix: sparse.csr_array = interval.duration * matrix_of(term, interval.duration)
         return matrix
 

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from fvswell.block.block import Block, Interval
+from fvswell.block.block import Block
 from fvswell.block.diamonds import Diamonds
+from fvswell.block.outside import Beyond
 from fvswell.fipy.terms import Linearisation, LinearisedTerm
 from fvswell.physics.tissue import Array
 
@@ -33,20 +34,21 @@ class BlockTransportTerm(LinearisedTerm):
         Of the vertices, ``(2, vertices)`` mm; may be set anew between sweeps, as may the rest.
     base
         Contents that the step starts from, ``(balances, cells)`` per reference volume.
-    bath
-        Concentration at the end of the step, mmol/mm3.
+    beyond
+        What there is outside at the end of the step: ``block.beyond(loads, outer)``, with the unknowns of the boundary,
+        if it has any, as they are.
     """
 
-    def __init__(self, block: Block, var: Any, positions: Array, base: Array, bath: float) -> None:
+    def __init__(self, block: Block, var: Any, positions: Array, base: Array, beyond: Beyond) -> None:
         super().__init__(var)
-        self.block, self.positions, self.base, self.bath = block, positions, base, bath
+        self.block, self.positions, self.base, self.beyond = block, positions, base, beyond
 
     def linearise(self, values: Array, dt: float | None) -> Linearisation:
         """Rates of storage and outflow at potentials, and their derivatives."""
         if dt is None:
             raise TypeError("the balances of a block have storage in them: give dt")
-        interval = Interval(self.base, dt, self.bath, None)  # type: ignore[arg-type]  # the edges do not matter here
-        system = self.block.transport_system(self.positions, values.reshape(len(self.block.balances), -1), interval)
+        potentials = values.reshape(len(self.block.balances), -1)
+        system = self.block.transport_system(self.positions, potentials, self.base, dt, self.beyond)
         entries = system.jacobian
         return Linearisation(system.residual.ravel() / dt, entries.data / dt, entries.row, entries.col)
 
@@ -69,7 +71,7 @@ class DiamondFluxTerm(LinearisedTerm):
     flow
         What the solute is dragged with through the crossed faces, in total, ``(crossed,)`` mm3/s.
     outside
-        Concentration on the permeable edges: a number, or one for each vertex of the grid.
+        Concentration on the crossed faces of the boundary: a number, or one for each vertex of the grid.
     """
 
     def __init__(

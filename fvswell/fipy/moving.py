@@ -24,6 +24,7 @@ from fipy import CellVariable, FaceVariable
 from scipy.sparse.linalg import splu
 
 from fvswell.block.block import Block
+from fvswell.block.part_loads import pressing_loads
 from fvswell.errors import SolverError
 from fvswell.fipy.block_terms import DiamondFluxTerm
 from fvswell.fipy.mesh import block_mesh, column_mesh, column_nodes, move
@@ -228,10 +229,12 @@ class MovingBlock(MovingBody):
         drag
             Share of the water's velocity.
         outside
-            Concentration on the permeable edges.
+            Concentration in the baths.
         """
-        now = self._transport(self.state.unknowns, float(self.state.loads[0]))
-        water = fluid_fraction(self.block.faces, now.face_ratio)
+        now, through = self._transport(self.state.unknowns, self.state.loads), np.ones(len(self.water_flow))
+        for part, faces in zip(self.block.crossed_parts, self.block.crossed_faces, strict=True):
+            through[faces] = float(self.block.parts[part].open)  # nothing but ions passes an electrode
+        water = through * fluid_fraction(self.block.faces, now.face_ratio)
         return DiamondFluxTerm(
             self.block.diamonds, c, now.metric, diffusivity * water, drag * self.water_flow, outside
         )  # fmt: skip
@@ -243,8 +246,9 @@ class MovingBlock(MovingBody):
         positions: Array = self.block.positions(self.state.unknowns)
         return positions
 
-    def _transport(self, unknowns: Array, bath: float) -> Any:
-        return self.block.transport(self.block.positions(unknowns), self.block.potentials(unknowns), bath)
+    def _transport(self, unknowns: Array, loads: Array) -> Any:
+        known = dict(zip(self.setup.body.load_names, loads, strict=True))
+        return self.block.transport_at(unknowns, pressing_loads(self.block.parts, known, self.block.concentration))
 
     def _set_flow(self, made: _Made) -> None:
         """Flow of the stages, and what their last iterations have left out: the least flow that closes the balances."""
@@ -252,7 +256,12 @@ class MovingBlock(MovingBody):
         flow = np.zeros_like(self.water_flow)
         for weight, node, unknowns in zip(weights, nodes, made.work.stages, strict=True):
             time = made.began + node * made.dt
-            bath = load_value(made.protocol.table, made.segment, 0, time, self.state.phase_loads)
-            flow += weight * self._transport(unknowns, bath).fluxes[0]
+            loads = np.array(
+                [
+                    load_value(made.protocol.table, made.segment, load, time, self.state.phase_loads)
+                    for load in range(len(self.state.loads))
+                ]
+            )
+            flow += weight * self._transport(unknowns, loads).fluxes[0]
         left = made.gained / made.dt + self._divergence @ flow
         self.water_flow = flow - self._divergence.T @ self._balance.solve(left)

@@ -62,13 +62,11 @@ def find_rate(
 
 
 @generic
-def find_unknowns(
-    body: Any, unknowns: Any, contents: Any, rate: Any, loads: Any, slopes: Any, duration: Any, clock: Any, report: Any
-) -> Any:
-    """Find the unknowns that go with given contents and loads, from a guess, within a step that has been solved.
+def find_unknowns(body: Any, unknowns: Any, contents: Any, loads: Any, slopes: Any) -> Any:
+    """Find the unknowns that go with given contents and loads within a step that has been solved.
 
-    ``rate`` is that at which the contents change, and ``duration`` that of the stages of the step; the other arguments
-    are those of `find_rate`.
+    ``unknowns`` holds a guess, from the stages of the step with the same weights as the contents; ``slopes`` are the
+    derivatives of the loads by time.
     """
 
 

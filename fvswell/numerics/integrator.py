@@ -134,10 +134,7 @@ def _set_within(body: Any, protocol: Any, control: Any, state: Any, work: Any, s
     set_dense(control, state, work, size, share)
     set_loads(protocol, segment, time, state.phase_loads, work.loads)
     set_slopes(protocol, segment, time, state.phase_loads, work.slopes)
-    duration = control.coefficients[len(work.rates) - 1, len(work.rates) - 1] * size
-    find_unknowns(
-        body, work.unknowns, work.base, work.rate, work.loads, work.slopes, duration, state.clock, work.report
-    )  # fmt: skip
+    find_unknowns(body, work.unknowns, work.base, work.loads, work.slopes)
     complete_loads(body, work.unknowns, work.base, work.loads)
 
 

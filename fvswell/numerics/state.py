@@ -33,6 +33,7 @@ class Control(NamedTuple):
     error_weights: Any
     error_order: int
     dense_weights: Any
+    dense_stages: Any
     tolerance: float  # of the global strain, relative to its largest value; without error control, of Newton
     expected_strain: float  # that the tolerance is relative to as long as no larger one has been seen
     max_step: float  # s
@@ -84,7 +85,6 @@ class Workspace(NamedTuple):
     loads: Any  # (loads,)
     slopes: Any  # (loads,)
     extents: Any  # (loads,)
-    rate: Any  # (balances, cells)
     crossing: Any  # (parts, 3)
     dense: Any  # (parts, 3)
     report: Any  # (6,)
@@ -120,6 +120,6 @@ def workspace(state: State, stages: int) -> Workspace:
     return Workspace(
         np.zeros((stages, *contents.shape)), np.zeros((stages, parts, 3)), np.zeros((stages, len(unknowns))),
         np.zeros_like(contents), np.zeros_like(contents), np.zeros_like(unknowns), np.zeros_like(loads),
-        np.zeros_like(loads), np.zeros_like(loads), np.zeros_like(contents), np.zeros((parts, 3)), np.zeros((parts, 3)),
-        np.zeros(6), np.zeros(stages + 2),
+        np.zeros_like(loads), np.zeros_like(loads), np.zeros((parts, 3)), np.zeros((parts, 3)), np.zeros(6),
+        np.zeros(stages + 2),
     )  # fmt: skip

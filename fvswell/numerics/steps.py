@@ -310,28 +310,25 @@ def keep_stage(work: Any, stage: Any, duration: Any) -> Any:
 
 @point
 def set_dense(control: Any, state: Any, work: Any, size: Any, share: Any) -> Any:
-    """Contents, their rate, and what has crossed at a part of a step, from the rates of all stages."""
+    """Contents, unknowns and what has crossed at a part of a step, from all stages."""
     stages, powers = control.dense_weights.shape
     balances, cells = work.base.shape
-    for b in range(balances):
-        for k in range(cells):
-            work.base[b, k], work.rate[b, k] = state.contents[b, k], 0.0
+    copy(state.contents, work.base)
     copy(state.crossed, work.dense)
+    copy(work.stages[0], work.unknowns)
     for i in range(stages):
-        weight, slope = 0.0, 0.0
+        weight, moved = 0.0, 0.0
         for k in range(powers - 1, -1, -1):
-            slope = share * slope + (k + 1.0) * control.dense_weights[i, k]
             weight = share * (weight + control.dense_weights[i, k])
+            moved = share * (moved + control.dense_stages[i, k])
         for b in range(balances):
             for k in range(cells):
                 work.base[b, k] += size * weight * work.rates[i, b, k]
-                work.rate[b, k] += slope * work.rates[i, b, k]
         for p in range(len(state.crossed)):
             for q in range(3):
                 work.dense[p, q] += size * weight * work.crossings[i, p, q]
-    last = stages - 1
-    for k in range(len(work.unknowns)):
-        work.unknowns[k] = (1.0 - share) * work.stages[0, k] + share * work.stages[last, k]
+        for k in range(len(work.unknowns)):
+            work.unknowns[k] += moved * (work.stages[i, k] - work.stages[0, k])
 
 
 @point

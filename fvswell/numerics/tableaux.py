@@ -21,6 +21,7 @@ class Tableau(NamedTuple):
     error_weights: Any  # (stages,) b less the weights of the embedded scheme; zero where there is none
     error_order: int  # power of the step with which the estimated error of a step falls; 0 without one
     dense_weights: Any  # (stages, powers) d_ik: at a part t of a step, stage i weighs the sum over k of d_ik t^(k+1)
+    dense_stages: Any  # (stages, powers) the same of the states at the stages, less that at the start of the step
 
 
 def _esdirk43() -> Tableau:
@@ -56,7 +57,8 @@ def _esdirk43() -> Tableau:
     )
     embedded[0] = embedded[1]
     nodes = np.array([0.0, 0.5, (2.0 - r) / 4.0, 0.625, 1.04, 1.0])
-    return Tableau(a, nodes, a[5] - embedded, 4, _dense_weights(a, nodes))
+    dense = _dense_weights(a, nodes)
+    return Tableau(a, nodes, a[5] - embedded, 4, dense, _dense_stages(a, dense))
 
 
 def _dense_weights(a: Any, nodes: Any) -> Any:
@@ -76,5 +78,15 @@ def _dense_weights(a: Any, nodes: Any) -> Any:
     return np.linalg.solve(conditions, values)
 
 
-BACKWARD_EULER = Tableau(np.ones((1, 1)), np.ones(1), np.zeros(1), 0, np.ones((1, 1)))
+def _dense_stages(a: Any, weights: Any) -> Any:
+    """Weights of the states at the stages that say the same as those of their rates.
+
+    The rate at the start of the step drops out: the first two stages weigh the same, in the states as within the step.
+    """
+    states = np.zeros_like(weights)
+    states[1:] = np.linalg.solve(a[1:, 1:].T, weights[1:])
+    return states
+
+
+BACKWARD_EULER = Tableau(np.ones((1, 1)), np.ones(1), np.zeros(1), 0, np.ones((1, 1)), np.ones((1, 1)))
 ESDIRK43 = _esdirk43()

@@ -15,7 +15,7 @@ from fvswell.case.case import Case, CaseError
 from fvswell.case.errors import Problem, shown
 from fvswell.fitting.reduced_model import ReducedFit, fit_reduced_model, reduced_problem
 from fvswell.prediction.case_prediction import conditions_of
-from fvswell.prediction.predictor import kind_of_change
+from fvswell.prediction.conditions import kind_of_change
 from fvswell.study.file import read_study
 from fvswell.study.points import CURVES, PAPER_MODELS, StudyPoints, study_points
 from fvswell.study.run import StudyProgress, run_study

@@ -98,10 +98,12 @@ def potential_gradient_of_current(
     current
         j+ - j- (the current density over Faraday's constant), mmol/(mm2 s).
     """
-    at_zero = mixture_fluxes(
-        tissue, J, cation, anion, water_potential_gradient, log_activity_gradient, 0.0 * log_activity_gradient
-    )
-    return (at_zero.cation - at_zero.anion - current) / _conductance(tissue, J, cation, anion)
+    w, n_f, k = convection_factor(tissue), fluid_fraction(tissue, J), hydraulic_permeability(tissue, J)
+    dragged, energy = w * (cation - anion), w * tissue.thermal_energy
+    by_cation, by_anion = tissue.cation_diffusivity * (n_f * cation), tissue.anion_diffusivity * (n_f * anion)
+    drive = water_potential_gradient + energy * ((cation + anion) * log_activity_gradient)
+    at_zero = -k * drive * dragged - (by_cation - by_anion) * log_activity_gradient  # current without the potential
+    return (at_zero - current) / (by_cation + by_anion + k * tissue.thermal_energy * (dragged * dragged))
 
 
 @point
@@ -118,16 +120,11 @@ def fluxes_of_unit_current(tissue: Any, J: Any, cation: Any, anion: Any) -> Any:
     tuple
         The derivatives of the fluxes by the current j+ - j-, and the fall of F psi~/(R T) per length (1/mm) by it.
     """
-    resistance = 1.0 / _conductance(tissue, J, cation, anion)
+    w, n_f, k = convection_factor(tissue), fluid_fraction(tissue, J), hydraulic_permeability(tissue, J)
+    dragged = w * (cation - anion)  # the current is carried by the ions themselves, and by those that water drags
+    conductance = n_f * (tissue.cation_diffusivity * cation + tissue.anion_diffusivity * anion)
+    resistance = 1.0 / (conductance + k * tissue.thermal_energy * (dragged * dragged))
     return mixture_fluxes(tissue, J, cation, anion, 0.0, 0.0, -resistance), resistance
-
-
-@point
-def _conductance(tissue: Any, J: Any, cation: Any, anion: Any) -> Any:
-    """Current j+ - j- by the fall of F psi~/(R T) per length: of the ions themselves, and of those that water drags."""
-    dragged = convection_factor(tissue) * (cation - anion)
-    conductance = fluid_fraction(tissue, J) * (tissue.cation_diffusivity * cation + tissue.anion_diffusivity * anion)
-    return conductance + hydraulic_permeability(tissue, J) * tissue.thermal_energy * (dragged * dragged)
 
 
 @point

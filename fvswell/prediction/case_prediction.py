@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
+from fvswell.boundary.parts import CONDUCTING
 from fvswell.case.acting_loads import acting_loads
-from fvswell.case.boundary import ColumnBoundary
 from fvswell.case.case import Case, CaseError
 from fvswell.case.column_checks import piston_pressure
 from fvswell.case.errors import Problem, shown
 from fvswell.case.geometry import ColumnGeometry
-from fvswell.case.loads import Ramp, Shape, Sine, TableLoad, final_value, shape_of
+from fvswell.case.loads import AnyLoad, Ramp, Shape, Sine, StrainLoad, TableLoad, final_value, shape_of
 from fvswell.case.reference_state import stress_free
 from fvswell.case.values import RelaxationTimes
 from fvswell.column.grid import ColumnGrid, column_grid
@@ -22,7 +23,8 @@ from fvswell.physics.models import ELECTROCHEMICAL
 from fvswell.physics.osmotic import bath_log_activity, ion_concentrations
 from fvswell.physics.permeability import open_circuit_ratio
 from fvswell.physics.tissue import Array, Tissue, first_rows, fixed_charge_density, tissue_at, tissue_parameters
-from fvswell.prediction.predictor import Conditions, Prediction, predict
+from fvswell.prediction.conditions import Conditions, Course, ramp_to
+from fvswell.prediction.predictor import Prediction, predict
 
 __all__ = ["conditions_of", "is_uniform", "mean_tissue", "predict_cases", "stress_free_heights", "unpredictable"]
 
@@ -54,30 +56,51 @@ def predict_cases(cases: Sequence[Case], linearised_at: Array | float | None = N
         ),
         relaxation_fraction=first.time.relaxation_fraction,
         steps_per_phase=first.time.samples_per_phase,
+        electrode="anion" if first.parts[1].electrode == "anion" else "cation",
     )
 
 
 def unpredictable(case: Case) -> list[Problem]:
-    """What of a case the predictor does not cover: it is for columns and for pressures of the piston."""
+    """What of a case the predictor does not know: it is for columns that water leaves through the filter alone."""
     if not isinstance(case.geometry, ColumnGeometry):
         return [Problem("geometry.kind", shown(case.geometry.kind), "must be column: only columns can be predicted")]
-    if case.parts != ColumnBoundary().parts():
-        return [Problem("boundary", "", "has another open end or a current: only a closed piston can be predicted")]
-    problems = []
+    return [*_unknown_boundary(case), *_unknown_phases(case)]
+
+
+def _unknown_boundary(case: Case) -> Iterator[Problem]:
+    filter_end, piston = case.parts
+    if not filter_end.open:
+        yield Problem("boundary.filter.bath", shown("closed"), "only a filter that is open can be predicted")
+    if piston.open:
+        yield Problem("boundary.piston.bath", shown("open"), "only a piston that is closed can be predicted")
+    elif _conducts(case) and not _current_names(case):
+        message = "only a current that is given can be predicted"
+        yield Problem("boundary.piston.electrical", shown(piston.electrical), message)
+
+
+def _unknown_phases(case: Case) -> Iterator[Problem]:
     for phase, acting in zip(case.phase, acting_loads(case), strict=True):
         place = f"phase.{phase.name}"
-        if "piston.displacement" in acting:
-            problems.append(
-                Problem(f"{place}.piston.displacement", "", "is prescribed: only pressures can be predicted")
-            )
-        for name, load in acting.items():
-            if isinstance(load, TableLoad | Sine):
-                problems.append(
-                    Problem(f"{place}.{name}", "", "is a table or a sine: only steps and ramps can be predicted")
-                )
+        if acting.get("filter.bath_pressure", 0.0) != 0.0:
+            message = "only baths without a hydrostatic pressure can be predicted"
+            yield Problem(f"{place}.filter.bath_pressure", "", message)
         if phase.until is not None:
-            problems.append(Problem(f"{place}.until", "", "only phases of given durations can be predicted"))
-    return problems
+            yield Problem(f"{place}.until", "", "only phases of given durations can be predicted")
+        turning = any(isinstance(shape_of(load), TableLoad | Sine) for load in acting.values())
+        if turning and isinstance(phase.duration, RelaxationTimes):
+            message = "tables and sines can be predicted only in a phase whose duration is in s"
+            yield Problem(f"{place}.duration", shown(str(phase.duration)), message)
+
+
+def _conducts(case: Case) -> bool:
+    """Whether a current can pass the column."""
+    _, piston = case.parts
+    return piston.electrical in CONDUCTING
+
+
+def _current_names(case: Case) -> list[str]:
+    """Loads that give the current through the column, at one of its ends."""
+    return [f"{part.name}.current" for part in case.parts if part.electrical == "current" and _conducts(case)]
 
 
 def is_uniform(case: Case) -> bool:
@@ -109,26 +132,68 @@ def _stress_free_column(case: Case) -> tuple[Tissue, Array]:
 
 
 def conditions_of(cases: Sequence[Case]) -> list[Conditions]:
-    """Conditions before the first phase and in each phase, arrays of shape ``(cases,)``."""
+    """Conditions before the first phase and in each phase, arrays of shape ``(cases,)``.
+
+    Raises
+    ------
+    ValueError
+        If loads of the cases differ in more than numbers.
+    """
     bath = np.array([case.bath.concentration for case in cases])
     conditions = [Conditions(np.zeros_like(bath), bath)]
     for acting in zip(*(acting_loads(case) for case in cases), strict=True):
-        pairs = [
-            (piston_pressure(case, each), shape_of(each["filter.bath_concentration"]))
-            for case, each in zip(cases, acting, strict=True)
-        ]
-        targets = (np.array([_target(load) for load in loads]) for loads in zip(*pairs, strict=True))
-        ramps = (np.array([_duration(load) for load in loads]) for loads in zip(*pairs, strict=True))
-        conditions.append(Conditions(*targets, *ramps))
+        pressures = [piston_pressure(case, each) for case, each in zip(cases, acting, strict=True)]
+        given = [pressure for pressure in pressures if pressure is not None]
+        held = None if given else [_displacement(case, each) for case, each in zip(cases, acting, strict=True)]
+        conditions.append(
+            Conditions(
+                _course(given) if given else 0.0,
+                _course([shape_of(each["filter.bath_concentration"]) for each in acting]),
+                None if held is None else _course(held),
+                _current(cases[0], acting),
+            )
+        )
     return conditions
 
 
-def _target(load: Shape | None) -> float:
-    return np.nan if load is None else final_value(load)
+def _displacement(case: Case, acting: Mapping[str, AnyLoad]) -> Shape:
+    """Displacement of the piston from the equilibrated sample, mm; 0 of one that is fixed."""
+    load = acting.get("piston.displacement", 0.0)
+    if not isinstance(load, StrainLoad):
+        return load
+    stretch = equilibrium_volume_ratio(mean_tissue([case]), 0.0, case.bath.concentration)
+    return load.of(float(stress_free_heights([case]).item() * stretch.item()))
 
 
-def _duration(load: Shape | None) -> float:
-    return load.over if isinstance(load, Ramp) else 0.0
+def _current(case: Case, acting: Sequence[Mapping[str, AnyLoad]]) -> Course | float:
+    """Current along the column, from the filter to the piston."""
+    for name in _current_names(case):
+        course = _course([shape_of(each[name]) for each in acting])
+        if name == "filter.current":
+            return course
+        return replace(course, values=-course.values, amplitude=-course.amplitude)
+    return 0.0
+
+
+def _course(loads: Sequence[Shape]) -> Course:
+    """The course of one load in several cases."""
+    tables = [load for load in loads if isinstance(load, TableLoad)]
+    sines = [load for load in loads if isinstance(load, Sine)]
+    if (tables and len(tables) < len(loads)) or (sines and len(sines) < len(loads)):
+        raise ValueError("tables and sines cannot be predicted together with other loads in their place")
+    if tables:
+        times, values = np.array([load.times for load in tables]), np.array([load.values for load in tables])
+        still = np.full((len(tables), 1), np.nan)  # until the first point
+        return Course(np.concatenate([0.0 * times[:, :1], times], axis=1), np.concatenate([still, values], axis=1))
+    if sines:
+        if len({load.period for load in sines}) > 1:
+            raise ValueError("sines of different periods cannot be predicted together")
+        amplitude = np.array([load.amplitude for load in sines])
+        return Course(np.zeros(1), np.array([[load.mean] for load in sines]), amplitude, sines[0].period)
+    return ramp_to(
+        np.array([final_value(load) for load in loads]),
+        np.array([load.over if isinstance(load, Ramp) else 0.0 for load in loads]),
+    )
 
 
 @lru_cache

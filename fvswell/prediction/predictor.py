@@ -1,14 +1,17 @@
 """How well the biphasic-swelling model stands in for the electrochemical one, predicted without running either.
 
-In each phase both models are replaced by the exact linear solution of a column (``fvswell.exact.linear_swelling``)
-about one state on the way from the equilibrium before the phase to the equilibrium after it; the changes themselves are
-the finite ones between those equilibria. What earlier phases have left unfinished is superposed.
+In each phase both models are replaced by the exact linear solution of a column (``fvswell.exact``) about one state on
+the way from the equilibrium before the phase to the equilibrium after it; the changes themselves are the finite ones
+between those equilibria. What earlier phases have left unfinished is superposed, as long as the piston stays free or
+stays held; from where that changes the column is taken to be in equilibrium. Where the piston is free its strain is
+predicted, where it is held the pressure that it needs.
 
 For small changes this is exact. For large ones the state linearised about stands for all those passed through. Water
 and salt enter and leave through the tissue at the filter, which is in its new state at once, so it should lie nearer
 to the end of the way: Crank (1975, The Mathematics of Diffusion) averages a diffusivity that varies with the
 concentration by weights whose mean lies at 0.63 to 0.65 of the way. In a column that deforms, what predicts best was
-found by a study (docs/studies.md); that is all that was ever fitted.
+found by a study (docs/studies.md); that is all that was ever fitted. Where a load turns on its way, the state is that
+under its mean.
 """
 
 from __future__ import annotations
@@ -20,49 +23,39 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fvswell.exact.driven_column import DrivenColumn
+from fvswell.exact.electrical import WallElectrode
 from fvswell.exact.linear_swelling import LinearColumn
-from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.models import BIPHASIC_SWELLING, ELECTROCHEMICAL
-from fvswell.physics.osmotic import bath_log_activity, ion_concentrations
-from fvswell.physics.tissue import Array, Tissue, fixed_charge_density, fluid_fraction
+from fvswell.physics.tissue import Array, Tissue
+from fvswell.prediction.changes import Change, Columns, Equilibrium, Oscillation
+from fvswell.prediction.conditions import Conditions, Course, course_of, kind_of_change
 from fvswell.prediction.determination import coefficient_of_determination
+from fvswell.prediction.responses import Past, current_response, load_response
 
-__all__ = [
-    "LINEARISED_AT",
-    "Conditions",
-    "Prediction",
-    "kind_of_change",
-    "predict",
-]
+__all__ = ["LINEARISED_AT", "Prediction", "predict"]
 
 LINEARISED_AT = (0.8, 0.65, 0.85)  # share of the way between equilibria, by kind_of_change; where that is -1, the last
+_HELD_IN_OTHER_BATH = 0.6  # the same where the bath of a column that is held changes, from a few simulations
 
 _RELAXED_FRACTION = 0.99
 _RELAXATION_TIMES = 1.5
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-
-
-class Conditions(NamedTuple):
-    """What the column is exposed to in a phase; numbers or arrays of shape ``(rows,)``."""
-
-    piston_pressure: Array | float  # MPa
-    bath_concentration: Array | float  # mmol/mm3
-    pressure_ramp: Array | float = 0.0  # s, in which the pressure changes linearly to this one; 0: at once
-    bath_ramp: Array | float = 0.0  # s, the same for the bath
 
 
 @dataclass(frozen=True)
 class Prediction:
     """Predicted histories of the two models.
 
-    Strain is the change of height over the height at the first equilibrium. Everything is nan in rows without an
-    equilibrium.
+    What is measured in a phase is the strain (change of height over the height at the first equilibrium), or the
+    pressure of a piston that is held, MPa. Everything is nan in rows without an equilibrium.
     """
 
+    measured: tuple[str, ...]  # "strain" or "pressure" in each phase
     phase_duration: Array  # s, (rows, phases)
-    reduced_strain: Array  # biphasic-swelling, at the end of each step, (rows, phases, steps)
-    full_strain: Array  # electrochemical, the same shape
-    equilibrium_strain: Array  # of either model, (rows, phases)
+    reduced: Array  # biphasic-swelling, at the end of each step, (rows, phases, steps)
+    full: Array  # electrochemical, the same shape
+    equilibrium_strain: Array  # of either model, but for currents, under the last loads of the phase, (rows, phases)
+    equilibrium_pressure: Array  # the same of the piston's pressure, MPa
     diffusivities: Array  # of the full model where it is linearised, mm2/s, largest first, (rows, phases, 2)
     reduced_diffusivity: Array  # of the biphasic-swelling model, mm2/s, (rows, phases)
     flows_backward_first: Array  # whether the full model's flow first goes against the phase's change, (rows, phases)
@@ -70,35 +63,34 @@ class Prediction:
     @property
     def r_squared(self) -> Array:
         """``coefficient_of_determination`` of the reduced model in each phase, ``(rows, phases)``."""
-        return coefficient_of_determination(self.full_strain, self.reduced_strain)
+        return coefficient_of_determination(self.full, self.reduced)
 
     @property
     def largest_difference(self) -> Array:
-        """Reduced less full strain where they are farthest apart, ``(rows, phases)``."""
+        """Reduced less full model where they are farthest apart, ``(rows, phases)``."""
         return np.take_along_axis(self._difference, self._farthest[..., None], axis=-1)[..., 0]
 
     @property
     def time_of_largest_difference(self) -> Array:
         """End of the step of ``largest_difference``, s from the start of its phase, ``(rows, phases)``."""
-        return self.phase_duration * (self._farthest + 1) / self.full_strain.shape[-1]
+        return self.phase_duration * (self._farthest + 1) / self.full.shape[-1]
 
     @property
     def _difference(self) -> Array:
-        return self.reduced_strain - self.full_strain
+        return self.reduced - self.full
 
     @property
     def _farthest(self) -> Array:
         return np.argmax(np.abs(self._difference), axis=-1)
 
 
-_Equilibrium = tuple[Array, Array]  # J and ln a~, (rows,)
+class _Run(NamedTuple):
+    """Phases since the piston was set free or held: what they began from, and what has happened since."""
 
-
-class _Step(NamedTuple):
-    """A change at the filter, at once or within a time."""
-
-    ramp: Array | float  # s, (rows,)
-    contents: Array  # of volume and salt, (rows, 2)
+    held: bool
+    start: Equilibrium
+    loads: list[Past]
+    currents: list[Past]
 
 
 @np.errstate(invalid="ignore")  # rows without an equilibrium carry nan, of which complex arithmetic warns
@@ -112,8 +104,9 @@ def predict(
     relaxation_times: Array | float = _RELAXATION_TIMES,
     relaxation_fraction: float = _RELAXED_FRACTION,
     steps_per_phase: int = 50,
+    electrode: WallElectrode = "cation",
 ) -> Prediction:
-    """Predict the strain histories of the biphasic-swelling and the electrochemical model.
+    """Predict histories of the biphasic-swelling and the electrochemical model.
 
     Parameters
     ----------
@@ -128,7 +121,7 @@ def predict(
         a number or ``(rows, phases)``; None takes ``LINEARISED_AT``. J and ln a~ are interpolated.
     phase_duration
         Duration of the phases, s, a number or ``(rows, phases)``; nan takes ``relaxation_times`` times the
-        relaxation time of the biphasic-swelling model.
+        relaxation time of the biphasic-swelling model. Phases in which a load turns need one.
     open_circuit_ratio
         k_open/k of the biphasic-swelling model where it is held constant, a number or ``(rows,)``; None evaluates it
         in the state linearised about.
@@ -138,108 +131,115 @@ def predict(
         Share of its way that the biphasic-swelling model goes in a relaxation time.
     steps_per_phase
         Number of equal steps at whose ends the histories are given.
+    electrode
+        In the wall at the far end, of currents.
+
+    Raises
+    ------
+    ValueError
+        If a phase in which a load turns on its way has no duration.
     """
-    equilibria, steps = _equilibria(tissue, conditions)
-    first, phases = equilibria[0][0], len(conditions) - 1
-    shape = (len(first), phases)
-    states = _best_states(conditions, shape[0]) if linearised_at is None else linearised_at
+    rows = _rows(tissue, conditions)
+    columns = Columns(tissue, height, rows)
+    shape = (rows, len(conditions) - 1)
+    states = _best_states(conditions, rows) if linearised_at is None else linearised_at
     share, given, times = (np.broadcast_to(a, shape) for a in (states, phase_duration, relaxation_times))
     fractions = np.arange(1, steps_per_phase + 1) / steps_per_phase
-    duration = np.empty(shape)
-    strain = np.empty((2, *shape, steps_per_phase))
+    duration, backward = np.empty(shape), np.zeros(shape, dtype=bool)
+    histories, strain, pressure = np.empty((2, *shape, steps_per_phase)), np.empty(shape), np.empty(shape)
     diffusivities: list[tuple[Array, Array]] = []
-    backward = np.empty(shape, dtype=bool)
-    past: list[tuple[Array, _Step]] = []  # since when, and what
-    for p in range(phases):
-        J, activity = (a + share[:, p] * (b - a) for a, b in zip(equilibria[p], equilibria[p + 1], strict=True))
-        columns = [
+    first = before = columns.pressed(*conditions[0].ends)
+    run = _Run(False, first, [], [])
+    current = np.zeros(rows)
+    for p, each in enumerate(conditions[1:]):
+        if each.held != run.held:
+            run = _Run(each.held, before, [], [])
+        changes, after = columns.phase(before, first, each, given[:, p])
+        J, activity = _state(columns, before, after, first, each, share[:, p], given[:, p])
+        pair = [
             LinearColumn(model, tissue, height, J, activity, open_circuit_ratio)
             for model in (BIPHASIC_SWELLING, ELECTROCHEMICAL)
         ]
-        relaxation = columns[0].relaxation_time(relaxation_fraction)
+        relaxation = pair[0].relaxation_time(relaxation_fraction)
         duration[:, p] = np.where(np.isnan(given[:, p]), times[:, p] * relaxation, given[:, p])
         start = duration[:, :p].sum(axis=1)[:, None]
-        past += [(start, step) for step in steps[p] if np.any(step.contents)]
-        for i, column in enumerate(columns):
-            change = _volume_change(column, start + duration[:, p, None] * fractions, past)
-            strain[i, :, p] = change / first[:, None]
-        backward[:, p] = columns[1].flows_backward_first(steps[p][0].contents + steps[p][1].contents)
-        diffusivities.append((columns[0].diffusivities[:, 0], columns[1].diffusivities))
+        end = start + duration[:, p, None]
+        run.loads.extend(Past(start, end, change) for change in changes)
+        course = course_of(each.current)
+        run.currents.extend(Past(start, end, change) for change in _current_changes(course, current))
+        current = np.broadcast_to(course.final(duration[:, p]), (rows,))
+        time = start + duration[:, p, None] * fractions
+        for i, column in enumerate(pair):
+            driven = DrivenColumn(column, each.held, electrode)
+            change = load_response(driven, time, run.loads)
+            if run.currents and column.model.transports_ions:
+                change += current_response(driven, time, run.currents)
+            histories[i, :, p] = _measured(run, change, first)
+        strain[:, p], pressure[:, p] = after.volume_ratio / first.volume_ratio - 1.0, after.pressure
+        if not each.held:
+            backward[:, p] = pair[1].flows_backward_first((after.contents - before.contents)[:, :2])
+        diffusivities.append((pair[0].diffusivities[:, 0], pair[1].diffusivities))
+        before = after
     return Prediction(
+        measured=tuple("pressure" if each.held else "strain" for each in conditions[1:]),
         phase_duration=duration,
-        reduced_strain=strain[0],
-        full_strain=strain[1],
-        equilibrium_strain=np.stack([J / first - 1.0 for J, _ in equilibria[1:]], axis=1),
+        reduced=histories[0],
+        full=histories[1],
+        equilibrium_strain=strain,
+        equilibrium_pressure=pressure,
         diffusivities=np.stack([full for _, full in diffusivities], axis=1),
         reduced_diffusivity=np.stack([reduced for reduced, _ in diffusivities], axis=1),
         flows_backward_first=backward,
     )
 
 
-def kind_of_change(before: Conditions, after: Conditions) -> Array:
-    """0 where only the pressure changes and rises, 1 where it falls, 2 where only the bath changes, else -1."""
-    pressure = np.sign(np.asarray(after.piston_pressure) - before.piston_pressure)
-    bath = np.asarray(after.bath_concentration) != before.bath_concentration
-    compression = np.where(pressure > 0.0, 0, np.where(pressure < 0.0, 1, -1))
-    return np.where(bath, np.where(pressure == 0.0, 2, -1), compression)
+def _measured(run: _Run, change: Array, first: Equilibrium) -> Array:
+    """Pressure, or strain from the first equilibrium, ``(rows, times)``, by what has changed since the run began."""
+    if run.held:
+        return run.start.pressure[:, None] + change
+    return (run.start.volume_ratio[:, None] + change) / first.volume_ratio[:, None] - 1.0
+
+
+def _state(
+    columns: Columns,
+    before: Equilibrium,
+    after: Equilibrium,
+    first: Equilibrium,
+    conditions: Conditions,
+    share: Array,
+    duration: Array,
+) -> tuple[Array, Array]:
+    """J and ln a~ to linearise about."""
+    if columns.turn(before, first, conditions):
+        if np.isnan(duration).any():
+            raise ValueError("a phase in which a load turns on its way needs a duration in s")
+        middle = columns.middle(before, first, conditions, duration)
+        return middle.volume_ratio, middle.log_activity
+    return tuple(a + share * (b - a) for a, b in zip(before[:2], after[:2], strict=True))
+
+
+def _current_changes(course: Course, before: Array) -> list[Change]:
+    """Changes of the current in a phase, A/mm2."""
+    times, values = course.points(before)
+    path = (values - before[:, None])[..., None]
+    amplitude = np.broadcast_to(course.amplitude, before.shape)[:, None]
+    oscillation = Oscillation(amplitude, course.period) if np.any(amplitude) else None
+    return [Change(times, path, oscillation)] if np.any(path) or oscillation is not None else []
+
+
+def _rows(tissue: Tissue, conditions: Sequence[Conditions]) -> int:
+    """Number of columns."""
+    courses = [course_of(load) for each in conditions for load in each if load is not None]
+    numbers = [*tissue.solid, *tissue.permeability, *tissue.osmotic, *tissue[3:]]
+    shapes = [np.shape(number) for number in numbers] + [np.shape(course.values)[:-1] for course in courses]
+    return int(np.broadcast_shapes((1,), *shapes)[0])
 
 
 def _best_states(conditions: Sequence[Conditions], rows: int) -> Array:
     """``LINEARISED_AT`` by the changes in the phases, ``(rows, phases)``."""
-    kinds = [np.broadcast_to(kind_of_change(*pair), rows) for pair in pairwise(conditions)]
-    return np.array(LINEARISED_AT)[np.stack(kinds, axis=1)]
-
-
-def _equilibria(tissue: Tissue, conditions: Sequence[Conditions]) -> tuple[list[_Equilibrium], list[list[_Step]]]:
-    """Equilibria under the conditions, and the steps from each to the next: by its pressure, then by its bath."""
-    given = [np.asarray(value) for each in conditions for value in each]
-    numbers = [*tissue.solid, *tissue.permeability, *tissue.osmotic, *tissue[3:]]
-    shape = np.broadcast_shapes((1,), *map(np.shape, [*numbers, *given]))
-
-    def at(pressure: Array | float, concentration: Array | float) -> _Equilibrium:
-        J = equilibrium_volume_ratio(tissue, pressure, concentration)
-        return np.broadcast_to(J, shape), np.broadcast_to(bath_log_activity(tissue.osmotic, concentration), shape)
-
-    def contents(equilibrium: _Equilibrium) -> Array:
-        J, activity = equilibrium
-        _, anion = ion_concentrations(tissue.osmotic, fixed_charge_density(tissue, J), activity)
-        return np.stack([J, J * fluid_fraction(tissue, J) * anion], axis=1)
-
-    equilibria = [at(*each[:2]) for each in conditions]
-    steps = []
-    for start, end, (before, after) in zip(equilibria, equilibria[1:], pairwise(conditions), strict=False):
-        pressed = contents(at(after.piston_pressure, before.bath_concentration))
-        steps.append(
-            [
-                _Step(after.pressure_ramp, pressed - contents(start)),
-                _Step(after.bath_ramp, contents(end) - pressed),
-            ]
-        )
-    return equilibria, steps
-
-
-def _volume_change(column: LinearColumn, time: Array, past: Sequence[tuple[Array, _Step]]) -> Array:
-    """Mean change of J in a column by all that has happened at its filter, ``(rows, times)`` as ``time``."""
-    change = np.zeros_like(time)
-    for start, step in past:
-        contents = step.contents[:, : column.diffusion.shape[-1]]
-        change += _ramped_change(column, time - start, step.ramp, contents)
-    return change
-
-
-def _ramped_change(column: LinearColumn, time: Array, ramp: Array | float, contents: Array) -> Array:
-    """Mean change of J when the contents at the filter change linearly within a time, or at once.
-
-    The mean of the answer to sudden changes over those of the ramp that have happened. Gauss points lie in the root
-    of time, in which the answer is smooth.
-    """
-    if not np.any(ramp):
-        return column.mean_volume_change(time, contents)
-    ramp = np.reshape(ramp, (-1, 1))
-    since = np.maximum(time - ramp, 0.0)
-    low, high = np.sqrt(since), np.sqrt(np.maximum(time, 0.0))
-    roots = 0.5 * (low + high)[..., None] + 0.5 * (high - low)[..., None] * _NODES  # (rows, times, nodes)
-    answers = column.mean_volume_change((roots**2).reshape(len(roots), -1), contents).reshape(roots.shape)
-    weights = roots * _WEIGHTS
-    mean = (weights * answers).sum(axis=-1) / weights.sum(axis=-1)
-    return mean * np.minimum(time / np.where(ramp > 0.0, ramp, time), 1.0)
+    states = []
+    for before, after in pairwise(conditions):
+        state = np.array(LINEARISED_AT)[kind_of_change(before, after)]
+        other_bath = after.held & (before.ends[1] != after.ends[1])
+        states.append(np.broadcast_to(np.where(other_bath, _HELD_IN_OTHER_BATH, state), rows))
+    return np.stack(states, axis=1)

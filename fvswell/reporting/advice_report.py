@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fvswell.analysis.advice import Advice, PhaseAdvice
+from fvswell.prediction.determination import NO_VARIATION
 from fvswell.reporting.console import TextTable, percent
 
 __all__ = ["advice_lines", "advice_tables"]
@@ -18,13 +19,14 @@ def advice_tables(advice: Advice) -> list[TextTable]:
         [
             phase.name,
             f"{phase.duration:.4g}",
-            percent(phase.equilibrium_strain),
+            phase.quantity,
+            _amount(phase, phase.equilibrium),
             _r_squared(phase),
             *_largest(phase),
         ]
         for phase in advice.phases
     ]
-    header = ["phase", "duration (s)", "equilibrium strain", "R^2", "largest error", "of the strain", "after (s)"]
+    header = ["phase", "duration (s)", "of", "equilibrium", "R^2", "largest error", "in share", "after (s)"]
     predicted = TextTable("Predicted error of biphasic-swelling, from electrochemical", header, rows)
     rows = [
         [phase.name, f"{phase.consolidation_time:.4g}", f"{phase.diffusion_time:.4g}", _direction(phase)]
@@ -74,10 +76,15 @@ def _largest(phase: PhaseAdvice) -> list[str]:
     if np.isnan(phase.r_squared):
         return ["-", "-", "-"]
     share = "-" if np.isnan(phase.largest_share) else f"{100.0 * phase.largest_share:.2f} %"
-    return [percent(phase.largest_difference), share, f"{phase.time_of_largest:.4g}"]
+    return [_amount(phase, phase.largest_difference), share, f"{phase.time_of_largest:.4g}"]
+
+
+def _amount(phase: PhaseAdvice, value: float) -> str:
+    """A strain or a pressure."""
+    return percent(value) if phase.quantity == "strain" else f"{value if abs(value) > NO_VARIATION else 0.0:.4g} MPa"
 
 
 def _direction(phase: PhaseAdvice) -> str:
-    if np.isnan(phase.r_squared):
+    if np.isnan(phase.r_squared) or phase.quantity != "strain":
         return "-"
     return "against the change" if phase.flows_backward_first else "with the change"

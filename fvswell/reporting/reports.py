@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fvswell.analysis.cycles import Cycles
 from fvswell.boundary.parts import Part
 from fvswell.case.case import Case
 from fvswell.case.geometry import BlockGeometry, Geometry
@@ -33,6 +34,7 @@ __all__ = [
     "case_lines",
     "characteristics_table",
     "content_table",
+    "cycle_lines",
     "duration_line",
     "effort_lines",
     "phase_table",
@@ -201,6 +203,16 @@ def effort_lines(result: Values) -> list[str]:
             "comes of it there is not to be trusted"
         )
     return lines
+
+
+def cycle_lines(found: Sequence[Cycles]) -> list[str]:
+    """What the last cycle of each cyclic phase says."""
+    return [
+        f"cycles of {each.phase}: {each.pressure:.4g} MPa on the {each.part} against a strain of "
+        f"{percent(each.strain)}, dynamic modulus {each.dynamic_modulus:.4g} MPa, the strain lags by "
+        f"{each.lag:.1f} degrees, a cycle dissipates {1e3 * each.loss:.4g} kJ/m^3"
+        for each in found
+    ]
 
 
 def result_lines(result: xr.Dataset) -> list[str]:

@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from fvswell.boundary.sides import EDGES
-
 __all__ = ["FIELDS", "Field", "field", "is_field", "part_fields"]
 
 
@@ -82,20 +80,6 @@ FIELDS: dict[str, Field] = {
         for axis in ("x", "y")
     },
     **{
-        f"{edge}_pressure": Field(_STRESS, f"pressure on the {edge} edge, compression positive", "global")
-        for edge in EDGES
-    },
-    **{
-        f"{edge}_force": Field(
-            "N", f"force on the {edge} edge (of a disc, or 1 mm thick), compression positive", "global"
-        )
-        for edge in EDGES
-    },
-    **{
-        f"{edge}_displacement": Field("mm", f"displacement of the {edge} edge from the stress-free solid", "global")
-        for edge in EDGES
-    },
-    **{
         f"displacement_{axis}": Field("mm", f"displacement from the stress-free position along {axis}", "node")
         for axis in ("x", "y")
     },
@@ -137,6 +121,7 @@ _PART_KINDS: dict[str, tuple[str, str]] = {
     "pressure": (_STRESS, "mean normal pressure on the {}, without its bath's, compression positive"),
     "force": ("N", "normal force on the {} (of a disc, or 1 mm thick), compression positive"),
     "displacement": ("mm", "mean normal displacement of the {} from the equilibrated sample, positive along the axis"),
+    "tangential_displacement": ("mm", "displacement of the {} along itself from the equilibrated sample"),
     "bath_concentration": (_CONCENTRATION, "salt concentration of the bath at the {}"),
     "bath_pressure": (_STRESS, "hydrostatic pressure of the bath at the {}"),
     "water_volume": ("mm3", "volume of water that has entered through the {}"),

@@ -13,7 +13,7 @@ from fvswell.results.layout import Content, Layout
 __all__ = ["RUNNING", "RunFile", "part_path"]
 
 RUNNING = "running"  # run_status of a file whose run was killed
-_PATIENCE = 2.0  # s between two files, at least
+_PATIENCE = 2.0  # s before the first file and between two, at least
 _SHARE = 0.05  # of the time that may go into writing files
 
 
@@ -45,10 +45,10 @@ class RunFile:
     def __init__(self, path: Path, layout: Layout, replace: bool = False) -> None:
         refuse_existing([path], replace)
         self.path, self.layout = path, layout
-        self._due = -1.0
+        self._due = time.monotonic() + _PATIENCE  # a run that is over by then needs no other file than its result
 
     def keep(self, content: Callable[[], Content], state: Mapping[str, Array]) -> None:
-        """Keep what there is in ``NAME.part``, unless that has been done a moment ago.
+        """Keep what there is in ``NAME.part``, unless that has been done, or the run has begun, a moment ago.
 
         Raises
         ------

@@ -9,13 +9,14 @@ import numpy as np
 
 from fvswell.block.block import Block
 from fvswell.block.body import BlockBody
-from fvswell.block.edges import EdgeCondition
 from fvswell.block.equilibrium import NoEquilibrium, equilibrated_body, initial_open_circuit_ratio, start_of
 from fvswell.block.fields import block_fields
 from fvswell.block.grid import BlockGrid, block_grid
+from fvswell.block.histories import part_histories
 from fvswell.block.make_block import make_block
 from fvswell.block.march import march_block
-from fvswell.boundary.sides import EDGE_AXIS, EDGES
+from fvswell.block.reactions import part_areas
+from fvswell.boundary.sides import EDGE_AXIS
 from fvswell.case.acting_loads import acting_loads, moved_part
 from fvswell.case.case import Case
 from fvswell.case.loads import AnyLoad, in_length, shape_of
@@ -59,7 +60,7 @@ class BlockRun:
     def __init__(self, case: Case, model: Model | None = None, held: Array | None = None) -> None:
         geometry: Any = case.geometry
         self.case, self.model, self.held = case, model or MODELS[case.model], held
-        self._sample = block_grid(geometry.kind, *geometry.grid_nodes())
+        self._sample = block_grid(geometry.kind, *geometry.grid_nodes(case.parts))
         try:
             self.body, self.state = _equilibrated(case, self.model, self._sample)
         except NoEquilibrium as error:
@@ -88,9 +89,7 @@ class BlockRun:
     @property
     def initial_volume_ratio(self) -> Array:
         """J of the cells in equilibrium before the first phase, (cells,)."""
-        ratio: Array = self.block.transport(
-            self._initial, self.block.potentials(self.state.unknowns), self.block.concentration
-        ).volume_ratio
+        ratio: Array = self.block.transport_at(self.state.unknowns, self.block.unloaded).volume_ratio
         return ratio
 
     @property
@@ -106,8 +105,9 @@ class BlockRun:
     @property
     def drainage_length(self) -> float:
         """Distance in the equilibrated block from the bath to the vertex that is farthest from it, mm."""
-        open_edges = [name for name in EDGES if self.block.edges[name].permeable]
-        bath = self._initial[:, np.concatenate([self.grid.edge_vertices(name) for name in open_edges])]
+        block = self.block
+        faces = [faces for part, faces in zip(block.parts, block.part_faces, strict=True) if part.open]
+        bath = self._initial[:, self.grid.face_vertices[:, np.concatenate(faces)].ravel()]
         return float(np.hypot(*(self._initial[:, :, None] - bath[:, None, :])).min(axis=1).max())
 
     def equilibrium_strains(self) -> Array:
@@ -116,24 +116,18 @@ class BlockRun:
 
     def loads(self) -> list[list[NumericLoad | None]]:
         """Each load of the block in each phase."""
-        bath = f"{next(part.name for part in self.case.parts if part.open)}.bath_concentration"
         phases = []
         for acting in acting_loads(self.case, self._held_loads()):
             loads = {name: self._load(name, load) for name, load in acting.items()}
-            phases.append([loads.get(bath if name == "bath" else name) for name in self.body.load_names])
+            phases.append([loads.get(name) for name in self.body.load_names])
         return phases
 
     def _held_loads(self) -> dict[str, float] | None:
         """Loads that a run before has left, by the names of the case."""
         if self.held is None:
             return None
-        held = {
-            name: float(value) - self._rest_of(name)
-            for name, value in zip(self.body.load_names, self.held, strict=True)
-        }
-        bath = held.pop("bath")
-        held |= {f"{part.name}.bath_concentration": bath for part in self.case.parts if part.open}
-        return {name: value for name, value in held.items() if not np.isnan(value)}
+        held = zip(self.body.load_names, map(float, self.held), strict=True)
+        return {name: value - self._rest_of(name) for name, value in held if not np.isnan(value)}
 
     def _load(self, name: str, load: AnyLoad) -> NumericLoad | None:
         """A load as the integrator takes it."""
@@ -154,7 +148,7 @@ class BlockRun:
 
     def _rest_of(self, name: str) -> float:
         """Value in the equilibrated block of what a case gives relative to it: a displacement."""
-        return float(self._rest[name]) if name.endswith(".displacement") else 0.0
+        return float(self._rest[name]) if name.endswith("displacement") else 0.0
 
     def protocol(self, durations: Sequence[float], times: Sequence[float] | Array | None = None) -> Protocol:
         """Protocol with phases of given durations; ``times`` are outputs to record instead of the case's own."""
@@ -174,7 +168,7 @@ class BlockRun:
     def first_step(self) -> float:
         """Step to start with where loads jump, s: a part of the time in which the finest cell consolidates."""
         geometry: Any = self.case.geometry
-        finest = min(np.diff(nodes).min() for nodes in geometry.grid_nodes())
+        finest = min(np.diff(nodes).min() for nodes in geometry.grid_nodes(self.case.parts))
         return FIRST_STEP * float(finest) ** 2 / float(np.max(self._mobility()))
 
     def consolidation_time(self) -> float:
@@ -187,14 +181,16 @@ class BlockRun:
         It only scales the tolerance: the strain of a block in equilibrium takes a run to find.
         """
         tissue, strains = self.block.cells, []
-        areas = self.block.edge_areas(self._initial)
+        areas = part_areas(self.block, self._initial)
+        bath = f"{self.block.parts[self.block.outside.reference].name}.bath_concentration"
         start = equilibrium_volume_ratio(tissue, 0.0, self.case.bath.concentration).mean()
         for loads in self.loads():
             value = {n: load.target for n, load in zip(self.body.load_names, loads, strict=True) if load is not None}
-            pressures = [value.get(f"{edge}.pressure", 0.0) for edge in EDGES]
-            forces = ((f"{edge}.force", area) for edge, area in zip(EDGES, areas, strict=True))
+            names = [part.name for part in self.block.parts]
+            pressures = [value.get(f"{name}.pressure", 0.0) for name in names]
+            forces = ((f"{name}.force", area) for name, area in zip(names, areas, strict=True))
             pressures += [value[name] / area for name, area in forces if name in value]
-            end = equilibrium_volume_ratio(tissue, max(pressures, key=abs), value["bath"]).mean()
+            end = equilibrium_volume_ratio(tissue, max(pressures, key=abs), value[bath]).mean()
             strains.append(abs(end / start - 1.0))
             for edge, axis in EDGE_AXIS.items():
                 if (name := f"{edge}.displacement") in value:
@@ -219,6 +215,7 @@ class BlockRun:
             "probe_displacement_x": moved[:, 0],
             "probe_displacement_y": moved[:, 1],
             **block_fields(self.body, record),
+            **part_histories(self.body, record, self._initial),
         }
 
     def place(self, balance: str, point: int) -> str:
@@ -280,10 +277,9 @@ class BlockRun:
 
 def _equilibrated(case: Case, model: Model, sample: BlockGrid) -> tuple[BlockBody, State]:
     """The block in equilibrium with its bath, its permeability as the case has it, from the grid that it gives."""
-    conditions = {part.edge: EdgeCondition(part.mechanical, part.open) for part in case.parts}
 
     def make(grid: BlockGrid, tissues: BlockTissues) -> Block:
-        return make_block(grid, conditions, model, *tissues, case.bath.concentration)
+        return make_block(grid, case.parts, model, *tissues, case.bath.concentration)
 
     if case.tissue.reference_state == "equilibrated" and model.swelling:
         body, state = stress_free_block(case, model, sample, make)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
@@ -120,8 +121,9 @@ class ColumnRun:
         Shape (1 + phases, cells); nan where no water is left.
         """
         states = [(0.0, self.case.bath.concentration), *map(self._equilibrium_load, self._loads)]
-        pressures, baths = np.array(states).T[:, :, None]
-        J = equilibrium_volume_ratio(self.column.cells, pressures, baths)
+        distinct = list(dict.fromkeys(states))  # often the last phase leads back to the beginning
+        pressures, baths = np.array(distinct).T[:, :, None]
+        J = equilibrium_volume_ratio(self.column.cells, pressures, baths)[[distinct.index(each) for each in states]]
         return np.broadcast_to(J, (len(states), len(self.grid.widths)))
 
     def _equilibrium_load(self, loads: list[numerics.AnyLoad | None]) -> tuple[float, float]:
@@ -214,8 +216,8 @@ class ColumnRun:
         A bath moves a sample inside whose piston is held.
         """
         free = self._volume_ratios[1:] @ self.grid.widths / self.initial_height - 1.0
-        strains = np.abs(np.concatenate([free, self.equilibrium_strains()]))
-        return max(float(np.nan_to_num(strains).max()), SMALLEST_STRAIN)
+        strains = map(abs, [*free.tolist(), *self.equilibrium_strains().tolist()])
+        return max(SMALLEST_STRAIN, *(strain for strain in strains if not math.isnan(strain)))
 
     def protocol(
         self,

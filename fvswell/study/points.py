@@ -17,7 +17,7 @@ from fvswell.physics.permeability import hydraulic_permeability
 from fvswell.physics.solids import youngs_modulus
 from fvswell.physics.tissue import Array
 from fvswell.prediction.case_prediction import conditions_of, mean_tissue, predict_cases
-from fvswell.prediction.predictor import kind_of_change
+from fvswell.prediction.conditions import kind_of_change
 from fvswell.results.file import COMPLETE
 from fvswell.study.study import Study
 
@@ -27,7 +27,7 @@ CURVES = (
     "compression, loading",
     "compression, unloading",
     "swelling",
-)  # by predictor.kind_of_change
+)  # by kind_of_change
 PAPER_MODELS = ("biphasic-swelling", "electrochemical")
 
 
@@ -99,13 +99,13 @@ def study_points(dataset: xr.Dataset) -> StudyPoints:
 def _points_of(dataset: xr.Dataset, runs: Array, cases: tuple[Case, ...]) -> dict[str, Array]:
     """Points of the runs of a protocol, by the names of `StudyPoints`."""
     conditions, tissue = conditions_of(cases), mean_tissue(cases)
-    J = np.stack([equilibrium_volume_ratio(tissue, *each[:2]) for each in conditions], axis=1)
+    J = np.stack([equilibrium_volume_ratio(tissue, *each.ends) for each in conditions], axis=1)
     curve = np.stack([kind_of_change(*pair) for pair in pairwise(conditions)], axis=1)
     ratio = tissue.cation_diffusivity * tissue.anion_diffusivity
     ratio = ratio / (youngs_modulus(tissue.solid, tissue.fluid_fraction) * hydraulic_permeability(tissue, 1.0)) ** 2
     # the paper does not say in which state J is taken: here in equilibrium before the first phase
     compression = (ratio * J[:, 0])[:, None]
-    swelling = compression * (tissue.fixed_charge_density / conditions[0].bath_concentration)[:, None]
+    swelling = compression * (tissue.fixed_charge_density / conditions[0].ends[1])[:, None]
     with np.errstate(divide="ignore"):  # without fixed charge there is no swelling: f_s is -inf
         number = np.log10(np.where(curve == CURVES.index("swelling"), swelling, compression))
     r_squared = dataset["r_squared"].values[runs]

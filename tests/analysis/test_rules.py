@@ -13,7 +13,7 @@ from fvswell.analysis.prediction_accuracy import assess, known_accuracy, predict
 from fvswell.analysis.rules import fit_curve, fitted_points, paper_fits
 from fvswell.case.case import CaseError
 from fvswell.errors import OutputError
-from fvswell.prediction.predictor import Conditions, kind_of_change
+from fvswell.prediction.conditions import Conditions, kind_of_change
 from fvswell.reporting.console import TextTable
 from fvswell.reporting.rules_report import rules_figure, rules_tables, write_points, write_rules
 from fvswell.study.file import read_study
@@ -89,7 +89,7 @@ def test_a_curve_needs_points() -> None:
 def test_kinds_of_change() -> None:
     start = Conditions(0.1, 1.5e-4)
     after = [Conditions(0.2, 1.5e-4), Conditions(0.0, 1.5e-4), Conditions(0.1, 1e-4), Conditions(0.2, 1e-4), start]
-    assert [int(kind_of_change(start, each)) for each in after] == [0, 1, 2, -1, -1]
+    assert [kind_of_change(start, each).item() for each in after] == [0, 1, 2, -1, -1]
 
 
 def test_points_of_a_study(dataset, points) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from blocks import GLUED, distorted_vertices, one_stage, rough_grid, uniform_block
+from blocks import GLUED, acting, distorted_vertices, one_stage, rough_grid, uniform_block
 from tissues import BATH
 
 from fvswell.block.equilibrium import equilibrated_body
@@ -24,19 +24,18 @@ by_kind = pytest.mark.parametrize("kind", ["plane-strain", "axisymmetric"])
 def test_fields(kind: str) -> None:
     """Vectors in cells recover a uniform flux; charged fields obey electroneutrality and Donnan."""
     block = uniform_block(rough_grid(kind), GLUED, ELECTROCHEMICAL)
-    body, state = equilibrated_body(block)
+    state = equilibrated_body(block)[1]
     grid, positions = block.grid, block.positions(state.unknowns)
     uniform = np.array([0.0 if kind == "axisymmetric" else 0.3, -0.2])
     totals = uniform @ np.stack(edge_area_vectors(grid.section, *positions[:, grid.face_vertices]))
     vectors = cell_vectors(block, positions, totals[None])[0]
     np.testing.assert_allclose(vectors, np.broadcast_to(uniform[:, None], vectors.shape), rtol=0, atol=1e-13)
-    fields = fields_at(block, state.unknowns, dict(zip(body.load_names, state.loads, strict=True)))
+    fields = fields_at(block, state.unknowns, block.unloaded)
     c_plus, c_minus = fields["cation_concentration"], fields["anion_concentration"]
     np.testing.assert_allclose(c_plus - c_minus, fields["fixed_charge_density"], rtol=1e-12)
     np.testing.assert_allclose(c_plus * c_minus, BATH**2, rtol=1e-12)
     np.testing.assert_allclose(fields["fluid_pressure"], fields["osmotic_pressure"] + fields["water_potential"])
     assert np.abs(fields["displacement_y"][grid.edge_vertices("bottom")]).max() == 0.0
-    assert fields["top_displacement"] > 0.0
 
 
 @by_kind
@@ -65,7 +64,7 @@ def test_parts_of_ion_fluxes(kind: str) -> None:
     for n in (8, 16, 32):
         block = uniform_block(shaped_block_grid(kind, distorted_vertices(2 * n, n)), GLUED, ELECTROCHEMICAL)
         _, done = one_stage(block, 400.0, bath=bath, top__pressure=0.05)
-        fields, tissue = fields_at(block, done.unknowns, {"bath": bath}), block.cells
+        fields, tissue = fields_at(block, done.unknowns, acting(block, bath)), block.cells
         for axis in ("x", "y"):
             for ion in ("cation", "anion"):
                 parts = [fields[f"{ion}_flux_{part}_{axis}"] for part in ("convection", "diffusion", "migration")]

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from blocks import BATH, CLAMPED, CLAMPED_DISC, distorted_vertices, rough_grid, uniform_block
+from blocks import BATH, CLAMPED, CLAMPED_DISC, beyond, distorted_vertices, rough_grid, uniform_block
 
-from fvswell.block.edges import EdgeCondition, check_edges
 from fvswell.block.geometry import (
     SECTIONS,
     diamond_metric,
@@ -21,7 +20,6 @@ from fvswell.physics.differentiation import COMPLEX_STEP
 from fvswell.physics.models import ELECTROCHEMICAL
 
 KINDS = tuple(SECTIONS)
-FREE, ROLLER, TIED, FIXED = (EdgeCondition(name, name == "free") for name in ("free", "roller", "straight", "fixed"))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -95,7 +93,7 @@ def test_linear_potentials_have_exact_fluxes_on_distorted_quads(kind: str, moved
         return slopes @ points + constants[:, None]
 
     inside = potentials(positions[:, grid.cell_vertices].mean(axis=1))
-    gradients = block.transport(positions, inside, BATH, potentials(positions)).gradients
+    gradients = block.transport(positions, inside, beyond(block, potentials(positions))).gradients
     a, b = positions[:, grid.face_vertices[:, block.diamonds.faces]].transpose(1, 0, 2)
     area = np.stack([b[1] - a[1], a[0] - b[0]])
     if kind == "axisymmetric":
@@ -122,24 +120,3 @@ def test_inverted_and_misplaced_grids_are_refused() -> None:
         shaped_block_grid("plane-strain", vertices)
     with pytest.raises(ValueError, match="radius 0"):
         block_grid("axisymmetric", np.array([1.0, 2.0]), np.array([0.0, 1.0]))
-
-
-@pytest.mark.parametrize(
-    ("rings", "edges", "problem"),
-    [
-        (False, (FREE, FREE, ROLLER, TIED), "moving along x"),
-        (False, (ROLLER, FREE, FREE, TIED), "moving along y"),
-        (False, (FREE, FREE, FREE, FREE), "moving along x or moving along y or turning"),
-        (True, (ROLLER, FREE, TIED, TIED), "moving along the axis"),
-        (False, (FIXED, FREE, ROLLER, TIED), "tied to move as one, but ends at the left edge"),
-        (True, (FREE, FREE, ROLLER, TIED), "axis of the disc"),
-    ],
-)
-def test_contradictory_edges_are_reported(rings: bool, edges: tuple[EdgeCondition, ...], problem: str) -> None:
-    problems = check_edges(rings, dict(zip(("left", "right", "bottom", "top"), edges, strict=True)))
-    assert any(problem in text for text in problems), problems
-
-
-def test_good_edges_pass() -> None:
-    for edges in ((ROLLER, FREE, FIXED, TIED), (ROLLER, FREE, ROLLER, TIED), (FIXED, FREE, FREE, FREE)):
-        assert check_edges(False, dict(zip(("left", "right", "bottom", "top"), edges, strict=True))) == []

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from blocks import GLUED, UNCONFINED, edge_values, jacobian_matrix, random_unknowns, rough_grid, uniform_block
-from tissues import BATH, reference_tissue
+from blocks import GLUED, UNCONFINED, acting, jacobian_matrix, random_unknowns, rough_grid, uniform_block
+from tissues import reference_tissue
 
 from fvswell.block.block import Block, Interval
-from fvswell.block.edges import drive_names, edge_loads
 from fvswell.block.equilibrium import equilibrated_body
 from fvswell.block.newton import Newton
 from fvswell.numerics.state import CONVERGED, NO_WATER
@@ -25,8 +24,8 @@ def test_jacobian_is_the_derivative_of_the_residual(kind: str, model: Model, dri
     block = uniform_block(rough_grid(kind), UNCONFINED, model, reference_tissue(permeability_exponent=2.0))
     unknowns = random_unknowns(block)
     held = {"top__displacement": -0.1} if driven == "displacement" else {}
-    loads = edge_values(right__pressure=0.1, top__pressure=0.05, top__force=0.03, **held)
-    interval = Interval(np.zeros((len(model.balances), block.grid.cells)), 3.0, 1.2e-4, loads)
+    loads = acting(block, 1.2e-4, right__pressure=0.1, top__pressure=0.05, top__force=0.03, **held)
+    interval = Interval(np.zeros((len(model.balances), block.grid.cells)), 3.0, loads)
     assert block.evaluate(unknowns, interval).sound.all()
     exact = jacobian_matrix(block, unknowns, interval).toarray()
     step, scale = 3e-5 * block.unknown_scale, block.unknown_scale / block.residual_scale[:, None]
@@ -46,7 +45,7 @@ def swollen_and_loaded(model: Model) -> tuple[Block, Array, Interval]:
     """A block in equilibrium, and an interval over which a weaker bath and a plate act on it."""
     block = uniform_block(rough_grid("plane-strain"), GLUED, model)
     _, state = equilibrated_body(block)
-    return block, state.unknowns, Interval(state.contents, 20.0, 0.7e-4, edge_values(top__pressure=0.3))
+    return block, state.unknowns, Interval(state.contents, 20.0, acting(block, 0.7e-4, top__pressure=0.3))
 
 
 @by_model
@@ -93,16 +92,9 @@ def test_a_tolerance_is_kept_and_balances_close_to_rounding_whatever_it_is(model
 
 def test_a_step_that_would_invert_cells_is_reported_as_such() -> None:
     block, unknowns, interval = swollen_and_loaded(ELECTROCHEMICAL)
-    flat = interval._replace(loads=edge_values(top__displacement=-0.95))
+    flat = interval._replace(loads=acting(block, 0.7e-4, top__displacement=-0.95))
     result = Newton(block).solve(unknowns, flat, 1e-8)
     assert result.reason != CONVERGED
     inverted = unknowns.copy()
     inverted[: block.degrees_of_freedom.number] = np.random.default_rng(1).normal(size=block.degrees_of_freedom.number)
     assert Newton(block).solve(inverted, interval, 1e-8).reason == NO_WATER
-
-
-def test_two_loads_on_one_edge_are_refused() -> None:
-    names = drive_names(GLUED)
-    values = np.array([{"bath": BATH, "top.force": 1.0, "top.displacement": 0.0}.get(name, np.nan) for name in names])
-    with pytest.raises(ValueError, match="the top edge is driven in more than one way"):
-        edge_loads(names, values)

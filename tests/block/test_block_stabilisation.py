@@ -23,7 +23,7 @@ def sudden_load(n: int, share: float, strength: float = STRENGTH) -> tuple[Array
     block = uniform_block(grid, GLUED, BIPHASIC, tissue, stabilisation=strength)
     step = share * 10.0**2 / (aggregate_modulus(tissue.solid, tissue.fluid_fraction) * 1e-3)
     _, result = one_stage(block, step, top__pressure=0.1)
-    plate = result.unknowns[block.degrees_of_freedom.of_tied_edge["top"]]
+    plate = result.unknowns[block.degrees_of_freedom.normal[list(GLUED).index("top")]]
     return block.potentials(result.unknowns)[0].reshape(n, n), float(plate)
 
 

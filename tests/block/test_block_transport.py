@@ -6,12 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from blocks import CLAMPED, CLAMPED_DISC, distorted_vertices, edge_values, uniform_block
+from blocks import CLAMPED, CLAMPED_DISC, beyond, distorted_vertices, uniform_block
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 from tissues import BATH, reference_tissue
 
-from fvswell.block.block import Block, Interval
+from fvswell.block.block import Block
 from fvswell.block.grid import block_grid, shaped_block_grid
 from fvswell.numerics.graded_grid import graded_nodes
 from fvswell.physics.fluxes import mixture_fluxes
@@ -21,16 +21,13 @@ from fvswell.physics.permeability import hydraulic_permeability
 from fvswell.physics.tissue import Array, Tissue, fixed_charge_density
 
 
-def interval(base: Array, duration: float) -> Interval:
-    return Interval(base, duration, BATH, edge_values())
-
-
 def test_matrix_on_a_rectangular_grid_is_the_two_point_one() -> None:
     """Between cell centres the flux is k area/distance times the difference of the potentials, and no more."""
     x, y = graded_nodes(2.0, 5, 3.0, ["end"]), graded_nodes(1.0, 4, 2.0, ["start"])
     block = uniform_block(block_grid("plane-strain", x, y), CLAMPED, BIPHASIC, stabilisation=0.0)
     grid = block.grid
-    system = block.transport_system(grid.vertices, np.zeros((1, grid.cells)), interval(np.ones((1, grid.cells)), 1.0))
+    one = np.ones((1, grid.cells))
+    system = block.transport_system(grid.vertices, 0.0 * one, one, 1.0, block.beyond(block.unloaded, np.zeros(0)))
     expected = np.zeros((grid.cells, grid.cells))
     for face, (first, second) in enumerate(grid.face_cells.T):
         ends = grid.vertices[:, grid.face_vertices[:, face]]
@@ -52,14 +49,14 @@ def test_jacobian_by_the_potentials_is_the_derivative_of_the_residual(model: Mod
     potentials = draw.uniform(-0.1, 0.1, (count, grid.cells))
     if count > 1:
         potentials[1] += np.log(BATH)
-    balance = interval(np.zeros_like(potentials), 3.0)
-    exact = block.transport_system(positions, potentials, balance).jacobian.toarray()
+    balance = (np.zeros_like(potentials), 3.0, block.beyond(block.unloaded, np.zeros(0)))
+    exact = block.transport_system(positions, potentials, *balance).jacobian.toarray()
     scale, step = np.repeat([1.0, BATH, BATH][:count], grid.cells), 1e-3
 
     def shifted(j: int, times: float) -> Array:
         at = potentials.ravel().copy()
         at[j] += times * step
-        return block.transport_system(positions, at.reshape(potentials.shape), balance).residual.ravel()
+        return block.transport_system(positions, at.reshape(potentials.shape), *balance).residual.ravel()
 
     for j in range(potentials.size):
         slope = (8.0 * (shifted(j, 1) - shifted(j, -1)) - (shifted(j, 2) - shifted(j, -2))) / (12.0 * step)
@@ -126,15 +123,15 @@ def test_manufactured_potentials_converge_at_second_order_on_a_moved_distorted_g
         grid = shaped_block_grid(kind, distorted_vertices(2 * n, n))
         block = uniform_block(grid, CLAMPED_DISC if kind == "axisymmetric" else CLAMPED, model, tissue)
         positions = _moved(grid.vertices)
-        outside = _potentials(positions, kind)[:count]
+        outside = beyond(block, _potentials(positions, kind)[:count])
         exact = _potentials(positions[:, grid.cell_vertices].mean(axis=1), kind)[:count]
-        base = block.transport(positions, exact, BATH, outside).contents
-        balance = interval(base + duration * _exact_outflow(block, kind) / grid.volumes, duration)
+        base = block.transport(positions, exact, outside).contents
+        base = base + duration * _exact_outflow(block, kind) / grid.volumes
         potentials = exact + 0.1
         # rows of ions are smaller by a concentration
         scale = sparse.diags_array(np.repeat([1.0, 1e4, 1e4][:count], grid.cells))
         for _ in range(10):
-            system = block.transport_system(positions, potentials, balance, outside)
+            system = block.transport_system(positions, potentials, base, duration, outside)
             step = spsolve((scale @ system.jacobian).tocsc(), scale @ system.residual.ravel())
             potentials = potentials - step.reshape(potentials.shape)
             if np.abs(step).max() < 1e-10:
@@ -151,4 +148,5 @@ def test_nothing_flows_in_equilibrium(model: Model) -> None:
     grid = shaped_block_grid("plane-strain", distorted_vertices(6, 4))
     block = uniform_block(grid, CLAMPED, model)
     bath = np.broadcast_to(block.bath_potentials(BATH)[:, None], (len(model.balances), grid.cells))
-    np.testing.assert_allclose(block.transport(_moved(grid.vertices), bath, BATH).fluxes, 0.0, atol=1e-16)
+    outside = block.beyond(block.unloaded, np.zeros(0))
+    np.testing.assert_allclose(block.transport(_moved(grid.vertices), bath, outside).fluxes, 0.0, atol=1e-16)

@@ -27,7 +27,7 @@ def problems(**changes: Any) -> str:
         ({"boundary__right__bath": "closed"}, "no part is open to a bath: at least one has to be"),
         (
             {"boundary__left__mechanical": "fixed"},
-            "the top edge is straight, but ends at the left edge, which is fixed",
+            "the part top is straight, but ends at the part left, which is fixed",
         ),
         (
             {"boundary__bottom__mechanical": "free", "boundary__left__mechanical": "free"},
@@ -66,7 +66,7 @@ def test_axis_of_a_disc_is_a_closed_roller() -> None:
         geometry__kind="axisymmetric", geometry__radius=10.0, boundary__left__bath="open",
         geometry__width=None,
     )  # fmt: skip
-    assert "the left edge is the axis of the disc: it has to be a roller and impermeable" in reported
+    assert "the part left lies on the axis of the disc: it has to be a roller, closed and insulating" in reported
 
 
 def test_all_problems_are_reported_at_once() -> None:

@@ -293,6 +293,18 @@ def test_new_case_is_valid_and_not_overwritten() -> None:
     assert load_case("mine.toml").model == "electrochemical"
 
 
+def test_new_case_of_a_tissue_and_its_laws_on_a_sheet() -> None:
+    assert fvswell("new", "mine", "--tissue", "nucleus-pulposus").exit_code == 0
+    assert load_case("mine.toml").tissue.shear_modulus == 1.0
+    wrong = fvswell("new", "other", "--tissue", "nucleus")
+    assert wrong.exit_code == 2
+    assert "did you mean nucleus-pulposus?" in wrong.stderr
+    assert fvswell("show", "mine.toml").exit_code == 0
+    assert Path("output/mine/tissue.png").stat().st_size > 10_000
+    assert fvswell("show", "mine.toml").exit_code == 2
+    assert fvswell("show", "mine.toml", "-o", "laws.pdf", "--set", "tissue.fluid_fraction=0.7").exit_code == 0
+
+
 def test_check_shows_derived_numbers() -> None:
     done = fvswell("check", CASES / "confined_compression.toml")
     assert done.exit_code == 0

@@ -52,13 +52,19 @@ class Copy:
 
     def run(self, **environment: str) -> tuple[float, int]:
         """The answer, and how many functions came from the cache."""
+        return self.run_at_once(1, **environment)[0]
+
+    def run_at_once(self, processes: int, **environment: str) -> list[tuple[float, int]]:
+        """The same of several processes that run at the same time."""
         own = {"PYTHONPATH": str(self.package.parent), "FVSWELL_CACHE_DIR": str(self.cache), "NUMBA_DISABLE_JIT": "0"}
-        own |= environment
-        done = subprocess.run(
-            [sys.executable, self.script], env=os.environ | own, capture_output=True, text=True, check=True
-        )
-        value, hits = done.stdout.split()
-        return float(value), int(hits)
+        command = [sys.executable, self.script]
+        started = [
+            subprocess.Popen(command, env=os.environ | own | environment, stdout=subprocess.PIPE, text=True)
+            for _ in range(processes)
+        ]
+        printed = [each.communicate()[0].split() for each in started]
+        assert not any(each.returncode for each in started)
+        return [(float(value), int(hits)) for value, hits in printed]
 
     def edit(self, file: str, old: str, new: str) -> None:
         path = self.package / file
@@ -82,6 +88,33 @@ def test_cache_is_used_and_follows_the_sources(tmp_path: Path) -> None:
     copy.edit("physics/permeability.py", "permeability_exponent * (J - 1.0)", "permeability_exponent * (J - 0.5)")
     assert copy.run() == (pytest.approx(1e-3 * np.exp(0.8), rel=1e-14), 0)
     assert set(copy.files()) > set(files)
+
+
+def test_processes_that_need_the_same_compile_it_once(tmp_path: Path) -> None:
+    found = Copy(tmp_path).run_at_once(3)
+    assert {value for value, _ in found} == {found[0][0]}
+    assert sorted(hits for _, hits in found) == [0, 1, 1]
+
+
+WITHOUT_BLAS = """
+import sys
+import numba, numpy as np
+from fvswell.compiled import kernel
+def twice(x):
+    return 2.0 * x
+assert kernel(twice)(1.5) == 3.0
+assert "scipy.linalg" not in sys.modules
+product = numba.njit(lambda a: a @ a)
+np.testing.assert_allclose(product(np.array([[1.0, 2.0], [3.0, 4.0]])), [[7.0, 10.0], [15.0, 22.0]])
+assert "scipy.linalg" in sys.modules
+"""
+
+
+def test_kernels_do_not_take_scipy_along_and_leave_matrix_products_to_whoever_wants_them(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(WITHOUT_BLAS, encoding="utf-8")
+    own = {"FVSWELL_CACHE_DIR": str(tmp_path), "NUMBA_DISABLE_JIT": "0"}
+    subprocess.run([sys.executable, script], env=os.environ | own, check=True)
 
 
 def test_works_in_memory_where_nothing_can_be_written(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from tissues import point_of, random_tissue, reference_tissue
 
 from fvswell.exact.linear_swelling import LinearColumn, salt_outdraws_osmosis
-from fvswell.exact.slab import mean_uptake, profile_uptake, ramp_influx, relaxation_time
+from fvswell.exact.slab import mean_uptake, profile_uptake, ramp_influx, ramp_uptake, relaxation_time
 from fvswell.physics.equilibrium import equilibrium_volume_ratio
 from fvswell.physics.fluxes import mixture_fluxes
 from fvswell.physics.models import BIPHASIC, BIPHASIC_SWELLING, ELECTROCHEMICAL, MODELS, Model
@@ -53,13 +53,16 @@ def test_kernels_equal_their_full_series(turn: float) -> None:
         profile_uptake(x, time), 1 - slow_series(odd, 2 / odd * np.sin(odd * x[..., None]), time), atol=2e-14
     )
     np.testing.assert_allclose(
+        ramp_uptake(time), time - 1 / 3 + slow_series(odd, 2 / odd**4, time), rtol=1e-11, atol=1e-15
+    )
+    np.testing.assert_allclose(
         ramp_influx(time), time + 1 / 3 - slow_series(even, 2 / even**2, time), rtol=1e-11, atol=2e-15
     )
 
 
 def test_kernels_have_no_gap_where_the_forms_change_over() -> None:
     around = np.array([np.nextafter(0.15, 0.0), 0.15])
-    for kernel in (mean_uptake, ramp_influx, lambda t: profile_uptake(np.array(0.4), t)):
+    for kernel in (mean_uptake, ramp_influx, ramp_uptake, lambda t: profile_uptake(np.array(0.4), t)):
         assert abs(np.diff(kernel(around)).item()) < 5e-16
 
 
@@ -67,6 +70,7 @@ def test_kernels_at_and_before_the_step() -> None:
     time = np.array([-1.0, 0.0])
     np.testing.assert_array_equal(mean_uptake(time), 0.0)
     np.testing.assert_array_equal(ramp_influx(time), 0.0)
+    np.testing.assert_array_equal(ramp_uptake(time), 0.0)
     np.testing.assert_array_equal(profile_uptake(np.array([0.0, 1e-6, 0.5]), np.array(0.0)), [1.0, 0.0, 0.0])
 
 
@@ -247,6 +251,17 @@ def test_mean_against_finite_differences(row: int, steps: tuple[float, float]) -
     finest = values[1] + (values[1] - values[0]) / 3  # second order in space
     exact = linear.mean_volume_change(time, change)[0]
     np.testing.assert_allclose(finest, exact, rtol=2e-5, atol=1e-6 * np.abs(exact).max())
+
+
+def test_ramp_is_the_integral_of_steps() -> None:
+    for linear in every_model():
+        time = slab_time(linear, 0.4)
+        nodes, weights = np.polynomial.legendre.leggauss(40)
+        early = time * (0.5 * (nodes + 1)) ** 2  # the answer to a step is smooth in the root of time
+        change = linear.boundary_change(1e-3, -1e-6)
+        steps = linear.mean_volume_change(early, change)
+        integral = (steps * weights * time * 0.5 * (nodes + 1)).sum(axis=1)
+        np.testing.assert_allclose(linear.ramped_volume_change(time, change)[:, 0], integral, rtol=1e-8, atol=1e-12)
 
 
 def test_profile_satisfies_the_balances() -> None:

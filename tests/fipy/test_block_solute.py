@@ -78,7 +78,7 @@ def test_decay_is_that_of_backward_euler_exactly() -> None:
 def test_flow_is_that_of_the_run(steps: dict[str, Any]) -> None:
     """What leaves through the permeable edge is what the run records, and the mesh is where its vertices are."""
     block = moving("plane_strain", **steps)
-    faces = block.block.permeable_faces[0]
+    faces = block.block.crossed_faces[0]
     left, records = 0.0, [block.state.crossed[0, 0]]
     for step in block:
         left += step.dt * block.water_flow[faces].sum()

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from blocks import CLAMPED, CLAMPED_DISC, distorted_vertices, no_time, random_unknowns, rough_grid, uniform_block
+from blocks import (
+    CLAMPED,
+    CLAMPED_DISC,
+    acting,
+    distorted_vertices,
+    no_time,
+    random_unknowns,
+    rough_grid,
+    uniform_block,
+)
 from fipy import CellVariable, CentralDifferenceConvectionTerm, DiffusionTerm
 from fipy_columns import dense
 from tissues import BATH
@@ -77,7 +86,7 @@ def test_fipy_sees_the_matrix_and_the_residual_of_the_block(kind: str, model: ob
     potentials, positions = block.potentials(unknowns), block.positions(unknowns)
     interval = no_time(block)._replace(base=np.full(potentials.shape, 1e-4), duration=duration)
     variable = CellVariable(mesh=block_mesh(block.grid, positions), value=potentials, elementshape=(len(potentials),))
-    term = BlockTransportTerm(block, variable, positions, interval.base, BATH)
+    term = BlockTransportTerm(block, variable, positions, interval.base, block.beyond(interval.loads, np.zeros(0)))
     matrix, residual = dense(term, duration)
     first, state = block.degrees_of_freedom.number, block.evaluate(unknowns, interval)
     np.testing.assert_allclose(residual * duration, state.residual[first:], rtol=0, atol=1e-13)
@@ -96,7 +105,8 @@ def test_matrix_on_a_rectangular_grid_is_that_of_fipys_diffusion_term() -> None:
     block = uniform_block(grid, CLAMPED, BIPHASIC, stabilisation=0.0)
     variable = CellVariable(mesh=block_mesh(grid), value=0.0)
     variable.constrain(0.0, variable.mesh.exteriorFaces)
-    own, _ = dense(BlockTransportTerm(block, variable, grid.vertices, np.ones((1, grid.cells)), BATH), 1.0)
+    outside = block.beyond(block.unloaded, np.zeros(0))
+    own, _ = dense(BlockTransportTerm(block, variable, grid.vertices, np.ones((1, grid.cells)), outside), 1.0)
     stock, _ = dense(DiffusionTerm(coeff=1e-3, var=variable), 1.0)
     assert np.abs(own).max() > 1e-3
     np.testing.assert_allclose(own, -stock, rtol=0, atol=1e-12 * np.abs(stock).max())
@@ -110,7 +120,7 @@ def test_sweeps_of_fipy_close_the_balances(model: object) -> None:
     base[1:] *= 4e-5
     start = np.repeat(block.bath_potentials(BATH)[:, None], block.grid.cells, axis=1)
     variable = CellVariable(mesh=block_mesh(block.grid), value=start, elementshape=(len(start),))
-    term = BlockTransportTerm(block, variable, positions, base, 0.8 * BATH)
+    term = BlockTransportTerm(block, variable, positions, base, block.beyond(acting(block, 0.8 * BATH), np.zeros(0)))
     scale = np.repeat(block.content_scale, block.grid.cells)
     sizes = []
     for _ in range(8):
@@ -123,8 +133,9 @@ def test_sweeps_of_fipy_close_the_balances(model: object) -> None:
 def test_balances_need_the_length_of_the_step() -> None:
     block = uniform_block(rough_grid("plane-strain"), CLAMPED, BIPHASIC)
     variable = CellVariable(mesh=block_mesh(block.grid), value=0.0)
+    outside = block.beyond(block.unloaded, np.zeros(0))
     with pytest.raises(TypeError, match="give dt"):
-        BlockTransportTerm(block, variable, block.grid.vertices, np.ones((1, block.grid.cells)), BATH).sweep()
+        BlockTransportTerm(block, variable, block.grid.vertices, np.ones((1, block.grid.cells)), outside).sweep()
 
 
 # ---- diamond fluxes of a solute --------------------------------------------------------------------------

@@ -105,3 +105,12 @@ def test_states_within_a_step() -> None:
             assert value == pytest.approx(t**power, abs=1e-12)
     np.testing.assert_allclose(ESDIRK43.dense_weights.sum(axis=1), WEIGHTS, rtol=0, atol=2e-13)
     np.testing.assert_allclose(BACKWARD_EULER.dense_weights, 1.0)
+
+
+def test_weights_of_the_states_at_the_stages_say_the_same_as_those_of_their_rates() -> None:
+    rates = np.random.default_rng(1).normal(size=(6, 3))
+    states = A @ rates  # less that at the start, in a step of length 1
+    np.testing.assert_allclose(ESDIRK43.dense_stages.T @ states, ESDIRK43.dense_weights.T @ rates, atol=1e-12)
+    at_end = ESDIRK43.dense_stages.sum(axis=1)
+    np.testing.assert_allclose(at_end, [0.0, 0.0, 0.0, 0.0, 0.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(BACKWARD_EULER.dense_stages, 1.0)

@@ -8,7 +8,7 @@ from tissues import BATH, point_of, random_tissue, reference_tissue
 
 from fvswell.physics.equilibrium import equilibrium_volume_ratio, isotropic_equilibrium_volume_ratio
 from fvswell.physics.models import BIPHASIC, MODELS
-from fvswell.physics.osmotic import osmotic_pressure_difference
+from fvswell.physics.osmotic import OSMOTIC_LAWS, osmotic_pressure_difference
 from fvswell.physics.solids import SOLIDS, aggregate_modulus, bulk_modulus, uniaxial_stress
 
 BATHS = np.array([1.5e-4, 1e-4, 5e-5])
@@ -95,3 +95,17 @@ def test_small_load_gives_the_aggregate_modulus() -> None:
     tissue = BIPHASIC.tissue(reference_tissue())
     J = equilibrium_volume_ratio(tissue, 1e-6, BATH)
     np.testing.assert_allclose((J - 1) * aggregate_modulus(tissue.solid, tissue.fluid_fraction), -1e-6, rtol=1e-5)
+
+
+@pytest.mark.parametrize("osmotic", OSMOTIC_LAWS)
+@pytest.mark.parametrize("solid", SOLIDS)
+def test_one_state_at_a_time_as_many_points_at_once(solid: str, osmotic: str) -> None:
+    """Also where there is no equilibrium: pulled apart, or in a solid whose osmotic coefficient is negative."""
+    pressures = np.array([-5.0, -0.05, 0.0, 0.1, 1.0, 30.0])
+    for coefficient in (0.83, -0.1):
+        tissue = reference_tissue(solid=solid, osmotic=osmotic, osmotic_coefficient=coefficient)
+        alone = equilibrium_volume_ratio(tissue, pressures, BATH)
+        points = tissue._replace(fluid_fraction=np.full(len(pressures), tissue.fluid_fraction))
+        together = equilibrium_volume_ratio(points, pressures, BATH)
+        assert np.isfinite(together[2:4]).all() or coefficient < 0.0
+        np.testing.assert_allclose(alone, together, rtol=1e-14)

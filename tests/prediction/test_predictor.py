@@ -12,8 +12,9 @@ from fvswell.physics.models import BIPHASIC_SWELLING, ELECTROCHEMICAL
 from fvswell.physics.osmotic import ion_concentrations
 from fvswell.physics.permeability import open_circuit_ratio
 from fvswell.physics.tissue import Array, Tissue, fixed_charge_density
+from fvswell.prediction.conditions import Conditions, ramp_to
 from fvswell.prediction.determination import coefficient_of_determination
-from fvswell.prediction.predictor import Conditions, Prediction, predict
+from fvswell.prediction.predictor import Prediction, predict
 
 START = Conditions(piston_pressure=0.0, bath_concentration=1.5e-4)
 COMPRESSED = Conditions(piston_pressure=0.25, bath_concentration=1.5e-4)
@@ -40,7 +41,7 @@ def test_small_steps_follow_the_linear_solution(pressure: float, concentration: 
     loaded = Conditions(pressure, 1.5e-4 + concentration)
     predicted = prediction(tissue, loaded, linearised_at=INITIAL, steps_per_phase=8)
     time = predicted.phase_duration[:, :1] * np.arange(1, 9) / 8
-    models = (BIPHASIC_SWELLING, predicted.reduced_strain), (ELECTROCHEMICAL, predicted.full_strain)
+    models = (BIPHASIC_SWELLING, predicted.reduced), (ELECTROCHEMICAL, predicted.full)
     for model, strain in models:
         column = LinearColumn.at_equilibrium(model, tissue, 0.5, 0.0, 1.5e-4)
         loading = column.global_strain(time, pressure, concentration)
@@ -54,7 +55,7 @@ def test_both_models_come_to_the_equilibrium_of_the_finite_step(loaded: Conditio
     tissue = random_tissue(50, seed=22)
     first, last = (equilibrium_volume_ratio(tissue, *c[:2]) for c in (START, loaded))
     long = prediction(tissue, loaded, phase_duration=1e8, steps_per_phase=4)
-    for strain in (long.reduced_strain, long.full_strain):
+    for strain in (long.reduced, long.full):
         np.testing.assert_allclose(strain[:, 0, -1], last / first - 1, rtol=1e-9)
         np.testing.assert_allclose(strain[:, 1, -1], 0.0, atol=1e-12)
 
@@ -64,8 +65,8 @@ def test_phase_lasts_one_and_a_half_relaxation_times(loaded: Conditions) -> None
     """At two thirds of the phase the reduced model is 1 % short of its final strain."""
     tissue = random_tissue(10, seed=23)
     predicted = prediction(tissue, loaded, steps_per_phase=3)
-    final = prediction(tissue, loaded, phase_duration=1e8).reduced_strain[:, 0, -1]
-    np.testing.assert_allclose(predicted.reduced_strain[:, 0, 1], 0.99 * final, rtol=1e-12)
+    final = prediction(tissue, loaded, phase_duration=1e8).reduced[:, 0, -1]
+    np.testing.assert_allclose(predicted.reduced[:, 0, 1], 0.99 * final, rtol=1e-12)
 
 
 @PROTOCOLS
@@ -76,7 +77,7 @@ def test_rows_equal_columns_by_themselves(loaded: Conditions) -> None:
     for row in (0, 77, 199):
         alone = prediction(point_of(tissue, row), loaded, linearised_at=share[row].item())
         np.testing.assert_allclose(together.r_squared[row], alone.r_squared[0], rtol=1e-10)
-        np.testing.assert_allclose(together.full_strain[row], alone.full_strain[0], rtol=1e-10, atol=1e-15)
+        np.testing.assert_allclose(together.full[row], alone.full[0], rtol=1e-10, atol=1e-15)
 
 
 def test_fast_ions_make_the_models_one() -> None:
@@ -101,7 +102,7 @@ def test_reference_tissue() -> None:
 
 def test_largest_difference_is_found_in_the_histories() -> None:
     predicted = prediction(random_tissue(30, seed=25), DILUTED)
-    difference = predicted.reduced_strain - predicted.full_strain
+    difference = predicted.reduced - predicted.full
     np.testing.assert_array_equal(np.abs(predicted.largest_difference), np.abs(difference).max(axis=-1))
     step = predicted.time_of_largest_difference / predicted.phase_duration * 50 - 1
     indices = np.rint(step).astype(int)
@@ -113,10 +114,10 @@ def test_largest_difference_is_found_in_the_histories() -> None:
 def test_negative_osmosis_shows_in_the_first_strains() -> None:
     tissue = random_tissue(400, seed=26)
     predicted = prediction(tissue, DILUTED, phase_duration=1e-3)
-    backward = predicted.full_strain[:, 0, 0] < 0
+    backward = predicted.full[:, 0, 0] < 0
     np.testing.assert_array_equal(predicted.flows_backward_first[:, 0], backward)
     assert 0 < backward.sum() < 100
-    assert np.all(predicted.reduced_strain[:, 0, 0] > 0)  # the reduced model cannot do it
+    assert np.all(predicted.reduced[:, 0, 0] > 0)  # the reduced model cannot do it
 
 
 def test_constant_open_circuit_permeability() -> None:
@@ -132,7 +133,7 @@ def test_constant_open_circuit_permeability() -> None:
 
 def test_no_signal_has_no_r_squared() -> None:
     unchanged = prediction(reference_tissue(), START)
-    assert not unchanged.full_strain.any()
+    assert not unchanged.full.any()
     assert np.isnan(unchanged.r_squared).all()
 
 
@@ -148,14 +149,15 @@ def test_row_without_equilibrium_is_nan_and_spares_the_others() -> None:
 
 @pytest.mark.parametrize(
     ("loaded", "kind"),
-    [(Conditions(1e-6, 1.5e-4), "pressure_ramp"), (Conditions(0.0, 1.5e-4 - 1e-10), "bath_ramp")],
+    [(Conditions(1e-6, 1.5e-4), "piston_pressure"), (Conditions(0.0, 1.5e-4 - 1e-10), "bath_concentration")],
     ids=["pressure", "bath"],
 )
 def test_a_ramp_is_many_small_steps(loaded: Conditions, kind: str) -> None:
     """Duhamel's integral over the answer to a step, by the trapezoidal rule with many points."""
     tissue, over, time = random_tissue(5, seed=28), 80.0, np.array([20.0, 60.0, 80.0, 100.0, 240.0])
-    ramp = predict(tissue, 0.5, [START, loaded._replace(**{kind: over})], 0.0, phase_duration=240.0, steps_per_phase=12)
-    models = (BIPHASIC_SWELLING, ramp.reduced_strain), (ELECTROCHEMICAL, ramp.full_strain)
+    ramped = loaded._replace(**{kind: ramp_to(getattr(loaded, kind), over)})
+    ramp = predict(tissue, 0.5, [START, ramped], 0.0, phase_duration=240.0, steps_per_phase=12)
+    models = (BIPHASIC_SWELLING, ramp.reduced), (ELECTROCHEMICAL, ramp.full)
     for model, strain in models:
         column = LinearColumn.at_equilibrium(model, tissue, 0.5, *START[:2])
         for at, step in zip(time, (0, 2, 3, 4, 11), strict=True):
@@ -165,17 +167,17 @@ def test_a_ramp_is_many_small_steps(loaded: Conditions, kind: str) -> None:
 
 
 def test_ramp_and_step_are_reported_apart_row_by_row() -> None:
-    both = prediction(reference_tissue(), COMPRESSED._replace(pressure_ramp=np.array([0.0, 50.0])))
+    both = prediction(reference_tissue(), COMPRESSED._replace(piston_pressure=ramp_to(0.25, np.array([0.0, 50.0]))))
     for row, ramp in enumerate((0.0, 50.0)):
-        alone = prediction(reference_tissue(), COMPRESSED._replace(pressure_ramp=ramp))
-        np.testing.assert_allclose(both.full_strain[row], alone.full_strain[0], rtol=1e-9, atol=1e-14)
+        alone = prediction(reference_tissue(), COMPRESSED._replace(piston_pressure=ramp_to(0.25, ramp)))
+        np.testing.assert_allclose(both.full[row], alone.full[0], rtol=1e-9, atol=1e-14)
 
 
 def test_phases_of_small_loads_add_up() -> None:
     """Two steps of load are one after the other what they are alone, and the first goes on in the second phase."""
     tissue = random_tissue(5, seed=29)
     loads = [START, Conditions(1e-6, 1.5e-4), Conditions(3e-6, 1.5e-4)]
-    both = predict(tissue, 0.5, loads, phase_duration=30.0, steps_per_phase=4).full_strain
+    both = predict(tissue, 0.5, loads, phase_duration=30.0, steps_per_phase=4).full
     column = LinearColumn.at_equilibrium(ELECTROCHEMICAL, tissue, 0.5, 0.0, 1.5e-4)
     time = 30.0 * np.arange(1, 5) / 4
     np.testing.assert_allclose(both[:, 0], column.global_strain(time, 1e-6), rtol=1e-4)

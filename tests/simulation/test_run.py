@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from sample_cases import impossible_compression, inverting_block, small_block, s
 from fvswell.case.case import Case
 from fvswell.errors import OutputError, SolverError
 from fvswell.results import run_file
-from fvswell.results.file import COMPLETE, read_result
+from fvswell.results.file import COMPLETE, read_result, write_result
 from fvswell.simulation.run import Progress, run
 
 TESTS = str(Path(__file__).parents[1])
@@ -39,6 +40,19 @@ def test_file_has_its_name_only_when_it_is_whole(tmp_path: Path, monkeypatch: py
     assert all(names == {"result.nc.part"} for names in seen)
     assert there[:5] == [0, 256, 512, 768, 1024]
     assert [file.name for file in path.parent.iterdir()] == ["result.nc"]
+
+
+def test_short_run_writes_its_result_and_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    written: list[Path] = []
+
+    def note(path: Path, *arguments: Any) -> None:
+        written.append(path)
+        write_result(path, *arguments)
+
+    monkeypatch.setattr(run_file, "write_result", note)
+    monkeypatch.setattr(run_file, "_PATIENCE", 60.0)
+    run(small_compression(**MANY_STEPS), path=tmp_path / "result.nc")
+    assert written == [tmp_path / "result.nc"]
 
 
 def test_progress_goes_from_start_to_end() -> None:
@@ -158,7 +172,9 @@ from pathlib import Path
 sys.path.insert(0, {tests!r})
 from sample_cases import small_compression
 from fvswell.errors import OutputError
+from fvswell.results import run_file
 from fvswell.simulation.run import run
+run_file._PATIENCE = 0.0  # as if the run took long: what there is is kept from its beginning on
 small, large = (small_compression(time__steps_per_phase=steps) for steps in (2, 200))
 run(small)  # compiled code is written as well
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

@@ -58,6 +58,30 @@ def test_a_row_is_the_run_of_its_case_bit_for_bit(scheme):
                 assert result["initial_height"][row, column] == alone["height"].values[0]
 
 
+def test_fibres_and_osmotic_laws_in_a_study():
+    """Amounts of fibres by their dotted keys, beside the activity law: a row is the run of its case."""
+    fibres = [{"directions": "isotropic", "modulus": 0.5}, {"directions": "along", "angle": 90, "modulus": 0.5}]
+    protocol = studies.protocol(
+        tissue__osmotic="activity",
+        tissue__fibres=fibres,
+        phase__loading__duration=300.0,
+        phase__unloading__duration=300.0,
+    )
+    varied = studies.parameter("amount", ["tissue.fibres.0.modulus", "tissue.fibres.1.modulus"], 0.1, "1 MPa")
+    design = [{"name": "range", "kind": "grid", "counts": {"amount": 3}}]
+    study = studies.study(protocol=[protocol], parameter=[varied], design=design, strain_curves=True)
+    (batch,) = plan(study)
+    result = run_batch(batch)
+    assert set(result["run_status"]) == {"complete"}
+    heights = result["initial_height"][:, 1]
+    assert np.all(np.diff(heights) < 0.0)  # more fibres, less swelling
+    for row, run in enumerate(batch.runs):
+        case = study.case(run)
+        assert [family.modulus for family in case.tissue.fibres] == [0.1 + 0.45 * row] * 2
+        alone = fvswell.run(case, model="electrochemical")
+        np.testing.assert_array_equal(result["final_strain"][row, 1, 1], alone["global_strain"].values[-1])
+
+
 def test_a_row_does_not_depend_on_its_batch(monkeypatch):
     study = random_study(3)
     whole = [run_batch(batch) for batch in plan(study)]
