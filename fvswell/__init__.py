@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from fvswell.analysis.comparison import compare
     from fvswell.case.case import Case, CaseError, load_case
     from fvswell.errors import OutputError, SolverError
+    from fvswell.fitting.file import load_fit
+    from fvswell.fitting.fit import fit
     from fvswell.physics.tissues import TISSUES as tissues
     from fvswell.reporting.tissue_figure import show
     from fvswell.results.file import read_result
@@ -20,13 +22,14 @@ os.environ.setdefault("FIPY_SOLVERS", "scipy")  # FiPy chooses its solvers when 
 
 _HOMES = {
     "Case": "case.case", "CaseError": "case.errors", "load_case": "case.case", "compare": "analysis.comparison",
+    "fit": "fitting.fit", "load_fit": "fitting.file",
     "run": "simulation.run", "read_result": "results.file", "OutputError": "errors", "SolverError": "errors",
     "show": "reporting.tissue_figure", "tissues": "physics.tissues",
 }  # fmt: skip
 _NAMES_THERE = {"tissues": "TISSUES"}  # where they are not the public ones
 __all__ = [
-    "Case", "CaseError", "OutputError", "SolverError", "__version__", "compare", "load_case", "read_result", "run",
-    "show", "tissues",
+    "Case", "CaseError", "OutputError", "SolverError", "__version__", "compare", "fit", "load_case", "load_fit",
+    "read_result", "run", "show", "tissues",
 ]  # fmt: skip
 
 

@@ -27,6 +27,7 @@ LAYERS = (
     ("prediction",),
     ("study",),
     ("analysis",),
+    ("fitting",),
     ("reporting",),
     ("paper",),
     ("cli",),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fvswell.case.errors import CaseError, Problem
-from fvswell.cli import blocks, studies
+from fvswell.cli import blocks, fits, studies
 from fvswell.cli.arguments import (
     CaseFile,
     Directory,
@@ -286,6 +286,7 @@ def info(
 
 app.add_typer(blocks.app)
 app.add_typer(studies.app)
+app.add_typer(fits.app)
 
 
 def _draw_case(case: Case, path: Path) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from fvswell.analysis.comparison import ColumnDifference, Comparison
-from fvswell.analysis.fit import Fit
+from fvswell.fitting.reduced_model import ReducedFit
 from fvswell.paper.reproduction import PaperResults
 from fvswell.physics.tissue import Array
 from fvswell.reporting.console import percent
@@ -139,7 +139,7 @@ def _of_sweep(results: PaperResults) -> Iterator[Claim]:
         )  # fmt: skip
 
 
-def _of_block(fitted: Fit) -> Iterator[Claim]:
+def _of_block(fitted: ReducedFit) -> Iterator[Claim]:
     (quantity,) = fitted.quantities
     swelling = fitted.reference_result.sel(time=slice(fitted.reference_result["phase_end"].values[0]))
     probe, volume_ratio = swelling[quantity].values, swelling["volume_ratio"].values
@@ -155,7 +155,7 @@ def _of_block(fitted: Fit) -> Iterator[Claim]:
         "2D: best permeability, over the tissue's", f"{reported:.4f}",
         f"{fitted.ratio:.3f} in {fitted.problem.phases[0]}", _agreement([_close(fitted.ratio, reported)]),
     )  # fmt: skip
-    (before,), (after,) = fitted.before.r_squared, fitted.best.r_squared
+    (before,), (after,) = fitted.before, fitted.after
     yield Claim("2D: R^2 with it", "better", f"{after:.5f}, else {before:.5f}", _yes(after > before))
 
 

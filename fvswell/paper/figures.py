@@ -13,9 +13,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fvswell.analysis.comparison import ColumnDifference, Comparison
-from fvswell.analysis.fit import Fit
 from fvswell.analysis.histories import history_at, local_strain, profile_at
 from fvswell.analysis.rules import CurveFit
+from fvswell.fitting.reduced_model import ReducedFit
 from fvswell.paper.reproduction import PaperResults
 from fvswell.reporting.plots import PAGE_WIDTH, axis_label, draw_histories, in_print_style, line_styles, time_unit
 from fvswell.reporting.rules_report import draw_fit
@@ -113,7 +113,7 @@ def _sweep(points: StudyPoints, curves: Sequence[str], fits: dict[str, CurveFit]
 
 
 @in_print_style
-def _block(fitted: Fit) -> Figure:
+def _block(fitted: ReducedFit) -> Figure:
     """Displacement of the probe by phase: the full model, and biphasic-swelling before and after the fit."""
     figure = Figure(figsize=(PAGE_WIDTH, 3.8), layout="constrained")
     results = {

@@ -10,10 +10,10 @@ from pathlib import Path
 import xarray as xr
 
 from fvswell.analysis.comparison import Comparison, compare
-from fvswell.analysis.fit import Fit, fit_problem, run_fit
 from fvswell.analysis.rules import CurveFit, paper_fits
 from fvswell.case.case import Case, CaseError
 from fvswell.case.errors import Problem, shown
+from fvswell.fitting.reduced_model import ReducedFit, fit_reduced_model, reduced_problem
 from fvswell.prediction.case_prediction import conditions_of
 from fvswell.prediction.conditions import kind_of_change
 from fvswell.study.file import read_study
@@ -34,7 +34,7 @@ class PaperResults:
     sweep: xr.Dataset
     points: StudyPoints  # of the sweep
     fits: dict[str, CurveFit]
-    block: Fit  # of the permeability, to the displacement of the probe in the last phase
+    block: ReducedFit  # of the permeability, to the displacement of the probe in the last phase
 
 
 def paper_results(
@@ -74,7 +74,9 @@ def paper_results(
     """
     _check(compression, swelling, block, sweep)
     pressed, swollen = compare(compression), compare(swelling)
-    fitted = run_fit(fit_problem(block, "hydraulic_permeability", PAPER_MODELS[1], [block.phase[-1].name]))
+    fitted = fit_reduced_model(
+        reduced_problem(block, "hydraulic_permeability", PAPER_MODELS[1], [block.phase[-1].name])
+    )
     dataset = _finished_sweep(sweep, path)
     if dataset is None:
         run_study(sweep, path, processes=processes, replace=True, report=report)

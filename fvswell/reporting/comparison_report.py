@@ -1,18 +1,16 @@
-"""What the commands say of models beside each other: how far they are apart, and how well a fitted one follows."""
+"""What the commands say of models beside each other: how far they are apart."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from fvswell.analysis.comparison import BlockDifference, ColumnDifference, Comparison
-from fvswell.analysis.fit import Fit
-from fvswell.case.reading import value_type
 from fvswell.prediction.determination import NO_VARIATION
 from fvswell.reporting.console import TextTable, percent
-from fvswell.reporting.reports import quantity_text, words
+from fvswell.reporting.reports import words
 from fvswell.results.fields import field
 
-__all__ = ["comparison_remarks", "comparison_tables", "fit_report"]
+__all__ = ["comparison_remarks", "comparison_tables"]
 
 
 def comparison_tables(comparison: Comparison) -> list[TextTable]:
@@ -59,28 +57,6 @@ def _comparison_table(comparison: Comparison, phase: str) -> TextTable:
     rows.append([f"{comparison.reference} (reference)", *["" for _ in header], reference])
     title = f"Phase {phase}: difference of the {words(quantity)} at {differences[0].times} times"
     return TextTable(title, header + places, rows)
-
-
-def fit_report(fit: Fit) -> tuple[list[str], TextTable]:
-    """The best value with what it is to be judged by, and a table of how well the model follows."""
-    problem, before, best = fit.problem, fit.before, fit.best
-    reader = value_type(type(problem.case.tissue).model_fields[problem.parameter])
-    unit = reader.unit if reader is not None else ""
-    lines = [
-        f"best {words(problem.parameter)}: {quantity_text(best.value, unit)}, {fit.ratio:.4f} of the case's "
-        f"{quantity_text(problem.present, unit)} ({percent(fit.ratio - 1.0)})",
-    ]
-    if fit.at_limit:
-        lines.append("this is an end of the range that was searched: a better value may lie beyond")
-    lines.append(f"{len(fit.trials)} runs of the fitted model, 1 of {problem.reference}, {fit.seconds:.0f} s")
-    rows = [
-        [phase, words(quantity), f"{old:.6f}", f"{new:.6f}"]
-        for phase, quantity, old, new in zip(
-            problem.phases, fit.quantities, before.r_squared, best.r_squared, strict=True
-        )
-    ]
-    title = f"R^2 of the fitted model to {problem.reference}"
-    return lines, TextTable(title, ["phase", "history", "with the case's value", "with the best"], rows)
 
 
 def _amount(value: float, quantity: str) -> str:

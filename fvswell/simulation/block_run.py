@@ -150,7 +150,7 @@ class BlockRun:
         """Value in the equilibrated block of what a case gives relative to it: a displacement."""
         return float(self._rest[name]) if name.endswith("displacement") else 0.0
 
-    def protocol(self, durations: Sequence[float], times: Sequence[float] | None = None) -> Protocol:
+    def protocol(self, durations: Sequence[float], times: Sequence[float] | Array | None = None) -> Protocol:
         """Protocol with phases of given durations; ``times`` are outputs to record instead of the case's own."""
         due: Any = output_times(self.case, durations) if times is None else np.asarray(times)
         slopes = [name.endswith("displacement") for name in self.body.load_names]

@@ -220,7 +220,10 @@ class ColumnRun:
         return max(SMALLEST_STRAIN, *(strain for strain in strains if not math.isnan(strain)))
 
     def protocol(
-        self, durations: Sequence[float], multiples: Sequence[float] | None = None, times: Sequence[float] | None = None
+        self,
+        durations: Sequence[float],
+        multiples: Sequence[float] | None = None,
+        times: Sequence[float] | Array | None = None,
     ) -> Protocol:
         """Protocol with phases of given durations.
 

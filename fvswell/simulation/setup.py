@@ -56,8 +56,8 @@ class Setup(Protocol):
     def march(self) -> Callable[..., None]:
         """The integrator, compiled or not."""
 
-    def protocol(self, durations: Sequence[float]) -> Phases:
-        """Protocol with phases of the given durations."""
+    def protocol(self, durations: Sequence[float], *, times: Sequence[float] | Array | None = None) -> Phases:
+        """Protocol with phases of the given durations; ``times`` are outputs instead of the case's own."""
 
     def measured(self) -> list[int]:
         """What the end of each phase may depend on: index of a load, or `fvswell.numerics.loads.STRAIN`."""

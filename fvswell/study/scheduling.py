@@ -14,12 +14,16 @@ from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from typing import Any
 
 from fvswell.errors import SolverError
 from fvswell.numerics.blas import THREAD_VARIABLES
 from fvswell.study.batches import Batch, BatchResult, run_batch
 
-__all__ = ["Finished", "SchedulerError", "available_cores", "in_this_process", "on_cores", "on_dask"]
+__all__ = [
+    "Finished", "SchedulerError", "available_cores", "connected", "in_this_process", "on_cores", "on_dask",
+    "one_thread_each", "start_worker",
+]  # fmt: skip
 
 Finished = Generator[tuple[int, BatchResult], None, None]
 
@@ -52,9 +56,9 @@ def on_cores(batches: Sequence[Batch], processes: int) -> Finished:
         If a process is killed from outside.
     """
     context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(min(processes, len(batches)), context, initializer=_start_worker)
+    executor = ProcessPoolExecutor(min(processes, len(batches)), context, initializer=start_worker)
     try:
-        with _one_thread_each():
+        with one_thread_each():
             pending = {executor.submit(run_batch, batch): batch.index for batch in batches}
         while pending:
             for future in wait(pending, return_when=FIRST_COMPLETED).done:
@@ -84,27 +88,42 @@ def on_dask(batches: Sequence[Batch], address: str) -> Finished:
     SchedulerError
         If Dask is not installed, no scheduler answers at the address, or it has no workers.
     """
-    try:
-        from distributed import Client, as_completed
-    except ImportError:
-        raise SchedulerError('a Dask scheduler needs the extra "study": pip install "fvswell[study]"') from None
-    try:
-        client = Client(address, timeout=_PATIENCE, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise SchedulerError(f"{address}: no Dask scheduler answers there ({error})") from None
+    client = connected(address)
+    from distributed import as_completed
+
     with client:
-        try:
-            client.wait_for_workers(1, timeout=_PATIENCE)
-        except TimeoutError:
-            raise SchedulerError(f"{address}: the Dask cluster has no workers") from None
         pending = {client.submit(run_batch, batch, pure=False): batch.index for batch in batches}
         for future in as_completed(list(pending), loop=client.loop):
             index = pending.pop(future)
             yield index, future.result()
 
 
+def connected(address: str) -> Any:
+    """Client of a Dask cluster that exists already.
+
+    Raises
+    ------
+    SchedulerError
+        If Dask is not installed, no scheduler answers at the address, or it has no workers.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise SchedulerError('a Dask scheduler needs the extra "study": pip install "fvswell[study]"') from None
+    try:
+        client = Client(address, timeout=_PATIENCE, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise SchedulerError(f"{address}: no Dask scheduler answers there ({error})") from None
+    try:
+        client.wait_for_workers(1, timeout=_PATIENCE)
+    except TimeoutError:
+        client.close()
+        raise SchedulerError(f"{address}: the Dask cluster has no workers") from None
+    return client
+
+
 @contextmanager
-def _one_thread_each() -> Iterator[None]:
+def one_thread_each() -> Iterator[None]:
     """Processes started in here compute on one thread: the work is shared out among processes already."""
     before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
@@ -118,7 +137,7 @@ def _one_thread_each() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _start_worker() -> None:
+def start_worker() -> None:
     """Leave Ctrl-C to the parent, and end with it even if it is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()

@@ -296,3 +296,8 @@ def _quantities(table: type[Table], prefix: str, key: list[str]) -> Iterator[tup
             yield f"{place}.over", Quantity("time", above=0.0)
         else:
             yield place, None
+    if table.named_tables is not None:
+        outer = [part for part in prefix.split(".") if part]
+        named = key[len(outer)] if key[: len(outer)] == outer and len(key) > len(outer) else "PART"
+        if named not in table.model_fields:
+            yield from _quantities(table.named_tables, f"{prefix}{named}.", key)

@@ -24,7 +24,7 @@ from fvswell.study.checks import check_study
 from fvswell.study.runs import Runs, expand
 from fvswell.study.schema import StudyTable
 
-__all__ = ["Study", "load_study"]
+__all__ = ["Study", "load_study", "number_at"]
 
 _MOST_LISTED = 10  # impossible parameter sets that are listed one by one
 _HEADER = "# Plain numbers are in mm, N, s, mmol, K: MPa, mmol/mm^3, mm^4/(N s), mm^2/s.\n"
@@ -108,7 +108,7 @@ class Study:
             own = self.runs.protocol == p
             for i, parameter in enumerate(self.table.parameter):
                 kept = own & np.isnan(values[:, i])
-                values[kept, i] = _number_at(content, parameter.key[0])
+                values[kept, i] = number_at(content, parameter.key[0])
         return values
 
     def to_toml(self) -> str:
@@ -225,12 +225,13 @@ def _listed(table: StudyTable, runs: Runs, run: int, reason: str) -> Problem:
     return Problem(f"run {run} of {design}, {protocol}", "", f"with {text} cannot be: {reason}")
 
 
-def _number_at(content: Any, key: str) -> float:
+def number_at(content: Any, key: str) -> float:
     """The number under a dotted key of the content of a case, nan if there is none."""
     for part in key.split("."):
         if isinstance(content, list):
-            named = [item for item in content if item["name"] == part]
-            content = named[0] if named else content[int(part)]
+            named = [item for item in content if item.get("name") == part]
+            index = int(part) if part.isdecimal() else len(content)
+            content = named[0] if named else content[index] if index < len(content) else None
         else:
             content = content.get(part) if isinstance(content, Mapping) else None
     return float(content) if isinstance(content, int | float) else math.nan

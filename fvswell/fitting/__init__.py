@@ -1,0 +1,1 @@
+"""Properties from measured curves, how sure they are, and which experiment tells most."""
