@@ -24,7 +24,7 @@ from fvswell.analysis.histories import (
     profile_at,
     rounding_of,
 )
-from fvswell.case.acting_loads import acting_loads
+from fvswell.case.acting_loads import acting_loads, moved_part
 from fvswell.case.case import MODELS, Case, CaseError
 from fvswell.case.errors import Problem, nearest_name, shown
 from fvswell.physics.tissue import Array
@@ -308,8 +308,8 @@ def compared_quantities(case: Case, result: xr.Dataset) -> list[str]:
     free = max(case.geometry.histories, key=lambda name: float(np.ptp(result[name].values)))
     quantities = []
     for acting in acting_loads(case):
-        moved = [part.name for part in case.parts if f"{part.name}.displacement" in acting]
-        quantities.append(f"{moved[0]}_pressure" if moved else free)
+        moved = moved_part(case, acting)
+        quantities.append(free if moved is None else f"{moved}_pressure")
     return quantities
 
 
