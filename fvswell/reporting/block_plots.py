@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
@@ -15,8 +16,11 @@ from matplotlib.figure import Figure
 
 from fvswell.analysis.comparison import Comparison
 from fvswell.analysis.histories import is_known, local_strain, profile_at
+from fvswell.boundary.parts import Part
+from fvswell.case.case import Case
 from fvswell.errors import OutputError
 from fvswell.physics.tissue import Array
+from fvswell.reporting.part_marks import mark_parts, part_legend
 from fvswell.reporting.plots import (
     LABEL_WIDTH,
     MOST_COLUMNS,
@@ -96,6 +100,7 @@ def block_figure(results: Mapping[str, xr.Dataset], times: Sequence[float], vari
     if not rows:
         return figure
     panels = below.subplots(len(rows), columns, squeeze=False, sharex=True, sharey=True)
+    part_legend(below, _boundary_parts(next(iter(results.values())).attrs["case_toml"])[0])
     for row, (name, label) in enumerate(rows):
         colours = _colours(results, times, name)
         for column, at in enumerate(times):
@@ -146,6 +151,7 @@ def block_comparison_figure(comparison: Comparison) -> Figure:
     largest = max(float(np.nanmax(np.abs(difference))) for difference in differences) or 1.0
     colours = ScalarMappable(Normalize(-largest, largest), _DIFFERENCE_COLOURS)
     panels = below.subplots(1, len(phases), squeeze=False, sharex=True, sharey=True)[0]
+    part_legend(below, _boundary_parts(base.attrs["case_toml"])[0])
     for axes, each, difference in zip(panels, nearest, differences, strict=True):
         _draw_cells(axes, base, difference, each.time, colours)
         _frame(axes, limits)
@@ -232,9 +238,17 @@ def _draw_cells(axes: Axes, result: xr.Dataset, values: Array, at: float, colour
     corners = moved_nodes(result, at).T[cells]
     style: dict[str, Any] = {"facecolors": colours.to_rgba(values), "edgecolors": "face", "linewidths": 0.1}
     axes.add_collection(PolyCollection(list(corners), rasterized=True, **style))
-    for time, color in ((0.0, "0.55"), (at, "black")):
-        edges = moved_nodes(result, time).T[_boundary(cells)]
-        axes.add_collection(LineCollection(list(edges), colors=color, linewidths=0.7, capstyle="round"))
+    before = moved_nodes(result, 0.0).T[_boundary(cells)]
+    axes.add_collection(LineCollection(list(before), colors="0.55", linewidths=0.7, capstyle="round"))
+    mark_parts(axes, *_boundary_parts(result.attrs["case_toml"]), moved_nodes(result, at))
+
+
+@lru_cache(maxsize=8)
+def _boundary_parts(case_toml: str) -> tuple[tuple[Part, ...], tuple[Array, Array]]:
+    """Parts of the boundary of a block, and the lines of its grid, from the case in a result."""
+    case = Case.from_toml(case_toml)
+    geometry: Any = case.geometry
+    return case.parts, geometry.grid_nodes(case.parts)
 
 
 def _boundary(cells: Array) -> Array:

@@ -93,6 +93,7 @@ def case_figure(case: Case, durations: Sequence[float]) -> Figure:
     figure = Figure(figsize=(PAGE_WIDTH, height), layout="constrained")
     left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=(1.0, 1.25))[0]
     _draw_body(left.subplots(), case)
+    part_legend(figure, case.parts)
     panels = right.subplots(max(len(kinds), 1), 1, squeeze=False, sharex=True)[:, 0]
     scale, unit = handy_time(sum(durations))
     for axes, kind in zip(panels, kinds, strict=False):
@@ -140,7 +141,6 @@ def _draw_body(axes: Axes, case: Case) -> None:
     axes.spines[["left", "bottom"]].set_visible(False)
     axes.set_yticks(np.unique([0.0, 0.5 * extent[1], extent[1]]))
     axes.set_xticks([] if column else np.unique([0.0, 0.5 * extent[0], extent[0]]))
-    part_legend(axes, parts, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
 
 
 def _extent(case: Case) -> tuple[float, float]:

@@ -9,11 +9,12 @@ import numpy as np
 from matplotlib.lines import Line2D
 
 from fvswell.boundary.parts import HELD, Part
-from fvswell.boundary.sides import EDGE_AXIS, EDGES
+from fvswell.boundary.sides import EDGE_AXIS
 from fvswell.physics.tissue import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import FigureBase
     from matplotlib.legend import Legend
 
 __all__ = ["block_outline", "draw_part", "mark_parts", "part_legend"]
@@ -49,35 +50,33 @@ def draw_part(axes: Axes, part: Part, line: Array) -> None:
         axes.plot(*line, **_OPEN)
 
 
-def block_outline(part: Part, nodes: Array) -> Array:
-    """Nodes of a block on a part of its boundary, in order along it.
+def block_outline(part: Part, along: tuple[Array, Array]) -> Array:
+    """Nodes of a block on a part of its boundary, in order along it, as indices among those of its grid.
 
     Parameters
     ----------
     part
         Of the boundary.
-    nodes
-        Of the stress-free solid, ``(2, nodes)`` mm, in a rectangle from the origin.
+    along
+        Coordinates of the grid's lines along x and along y, mm, of the body as the case gives it.
     """
-    axis = EDGE_AXIS[part.edge]
-    extent = nodes.max(axis=1)
-    side = extent[axis] if EDGES.index(part.edge) % 2 else 0.0
-    slack = _ON_EDGE * extent.max()
-    along = nodes[1 - axis]
-    on = np.abs(nodes[axis] - side) <= slack
-    chosen = np.flatnonzero(on & (along >= part.start - slack) & (along <= part.end + slack))
-    order: Array = chosen[np.argsort(along[chosen])]
-    return order
+    columns, rows = (len(lines) for lines in along)
+    index = np.arange(rows * columns).reshape(rows, columns)
+    edge = {"left": index[:, 0], "right": index[:, -1], "bottom": index[0], "top": index[-1]}[part.edge]
+    lines = along[1 - EDGE_AXIS[part.edge]]
+    slack = _ON_EDGE * lines[-1]
+    chosen: Array = edge[(lines >= part.start - slack) & (lines <= part.end + slack)]
+    return chosen
 
 
-def mark_parts(axes: Axes, parts: Iterable[Part], reference: Array, moved: Array) -> None:
-    """Draw all parts of a block where its nodes have moved to, ``(2, nodes)`` both."""
+def mark_parts(axes: Axes, parts: Iterable[Part], along: tuple[Array, Array], nodes: Array) -> None:
+    """Draw all parts of a block where its nodes are, ``(2, nodes)``; ``along`` as for `block_outline`."""
     for part in parts:
-        draw_part(axes, part, moved[:, block_outline(part, reference)])
+        draw_part(axes, part, nodes[:, block_outline(part, along)])
 
 
-def part_legend(axes: Axes, parts: Sequence[Part], **where: Any) -> Legend:
-    """Legend of the marks that occur."""
+def part_legend(figure: FigureBase, parts: Sequence[Part]) -> Legend:
+    """Legend, below a figure or a part of one, of the marks that occur."""
     kinds = {_kind(part) for part in parts}
     handles = [
         Line2D([], [], color=mark.color, linewidth=mark.width, label=mark.text)
@@ -86,4 +85,4 @@ def part_legend(axes: Axes, parts: Sequence[Part], **where: Any) -> Legend:
     ]
     if any(part.open for part in parts):
         handles.append(Line2D([], [], label="open to a bath", **_OPEN))
-    return axes.legend(handles=handles, **where)
+    return figure.legend(handles=handles, loc="outside lower center", ncols=2 if len(handles) < 4 else 4)

@@ -30,10 +30,10 @@ def test_load_curves_are_what_acts() -> None:
 
 def test_parts_of_an_edge_share_its_nodes() -> None:
     case = load_case(CASES / "indentation.toml")
-    x = np.array([0.0, 0.25, 0.5, 0.75, 1.5, 3.0])
-    nodes = np.stack([part.ravel() for part in np.meshgrid(x, [0.0, 0.5, 1.0])])
+    x, y = np.array([0.0, 0.25, 0.5, 0.75, 1.5, 3.0]), np.array([0.0, 0.5, 1.0])
+    nodes = np.stack([part.ravel() for part in np.meshgrid(x, y)])
     parts = {part.name: part for part in case.parts}
-    on_indenter, beside = (nodes[:, block_outline(parts[name], nodes)] for name in ("indenter", "surface"))
+    on_indenter, beside = (nodes[:, block_outline(parts[name], (x, y))] for name in ("indenter", "surface"))
     np.testing.assert_array_equal(on_indenter[0], [0.0, 0.25, 0.5, 0.75])
     np.testing.assert_array_equal(beside[0], [0.75, 1.5, 3.0])
     assert set(on_indenter[1]) == set(beside[1]) == {1.0}
