@@ -63,7 +63,7 @@ def test_axis_of_a_disc_is_a_closed_roller() -> None:
         geometry__kind="axisymmetric", geometry__radius=10.0, geometry__edges__left__permeable=True,
         geometry__width=None,
     )  # fmt: skip
-    assert "the left edge is the axis of the disc: it has to be a roller and impermeable" in reported
+    assert "the part left lies on the axis of the disc: it has to be a roller, closed and insulating" in reported
 
 
 def test_all_problems_are_reported_at_once() -> None:
