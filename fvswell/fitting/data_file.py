@@ -53,8 +53,9 @@ class DataFile:
         for heading in self.columns:
             if wanted in (heading.casefold(), split_heading(heading)[0].casefold()):
                 return heading
-        near = nearest_name(name, self.columns)
-        hint = f"did you mean {shown(near)}?" if near else f"there are {', '.join(map(shown, self.columns))}"
+        plain = {split_heading(heading)[0]: heading for heading in self.columns}
+        near = nearest_name(split_heading(name)[0], plain)
+        hint = f"did you mean {shown(plain[near])}?" if near else f"there are {', '.join(map(shown, self.columns))}"
         raise ValueError(f"{self.source} has no such column; {hint}")
 
 

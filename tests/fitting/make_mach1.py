@@ -1,4 +1,4 @@
-"""Writes relaxation.mach1.txt: a file as a Mach-1 tester writes it, with two ramps that are held; numbers are made up."""
+"""Writes relaxation.mach1.txt: a file as a Mach-1 tester writes it, of two ramps with holds, its numbers made up."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ def test_samples_of_a_linear_model_have_its_covariance() -> None:
     pytest.importorskip("emcee")
     evaluator = linear(NOISE, 4, True)
     best = best_fit(evaluator)
-    samples = sample_posterior(evaluator, best, 2000, 32)
+    samples = sample_posterior(evaluator, best, 3000, 32)
     assert samples.long_enough
     np.testing.assert_allclose(np.std(samples.values, axis=0), best.standard_errors, rtol=0.1)
     half = norm.ppf(0.95) * best.standard_errors
