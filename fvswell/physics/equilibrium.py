@@ -6,6 +6,7 @@ and the applied pressure balance the osmotic pressure above the bath's.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -64,13 +65,13 @@ def _root(
 
     In u the osmotic pressure is about an exponential, on which Newton's steps stay short, and J > 1 - n_f0.
     """
-    pressure, bath = np.broadcast_arrays(applied_pressure, bath_concentration)
-    if pressure.size > _FEW or any(np.ndim(number) for number in _numbers(tissue)):
+    pressure, bath = np.asarray(applied_pressure), np.asarray(bath_concentration)
+    states = np.broadcast(pressure, bath)
+    if states.size > _FEW or not all(isinstance(number, float) for number in _numbers(tissue)):
         return _roots(tissue, stress, pressure, bath)
-    states = zip(pressure.ravel().tolist(), bath.ravel().tolist(), strict=True)
     with np.errstate(all="ignore"):  # as in _roots
-        found = [_root_at(tissue, stress, *state) for state in states]
-    return np.array(found).reshape(pressure.shape)
+        found = [_root_at(tissue, stress, float(p), float(c)) for p, c in states]
+    return np.array(found).reshape(states.shape)
 
 
 def _numbers(tissue: Tissue) -> tuple[Any, ...]:
@@ -86,21 +87,22 @@ def _root_at(tissue: Tissue, stress: Callable[..., Any], pressure: float, bath: 
         J = 1.0 - fluid_fraction + np.exp(u)
         return stress(tissue.solid, J, fluid_fraction) + pressure - osmotic_pressure_difference(tissue, J, bath)
 
-    u = np.log(fluid_fraction)
-    low, high = u + np.log(_LEAST_WATER), u + np.log(_MOST_WATER)
+    u = math.log(fluid_fraction)
+    low, high = u + math.log(_LEAST_WATER), u + math.log(_MOST_WATER)
     if not residual(low) < 0.0:
-        return np.nan
+        return math.nan
     for _ in range(_MAX_ITERATIONS):
-        f = residual(u + 1j * COMPLEX_STEP)
+        f = complex(residual(complex(u, COMPLEX_STEP)))
         if f.real < 0.0:
             low = u
         elif f.real > 0.0:
             high = u
-        target = u + min(max(-f.real * COMPLEX_STEP / f.imag, -_LONGEST_STEP), _LONGEST_STEP)
+        step = -f.real * COMPLEX_STEP / f.imag if f.imag != 0.0 else math.nan
+        target = u + min(max(step, -_LONGEST_STEP), _LONGEST_STEP)
         u, previous = target if low <= target <= high else 0.5 * (low + high), u
         if abs(u - previous) <= _CONVERGED_STEP:
-            return float(1.0 - fluid_fraction + np.exp(u))
-    return np.nan
+            return 1.0 - fluid_fraction + math.exp(u)
+    return math.nan
 
 
 def _roots(tissue: Tissue, stress: Callable[..., Any], pressure: Array, bath: Array) -> Array:
