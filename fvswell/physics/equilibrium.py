@@ -6,7 +6,6 @@ and the applied pressure balance the osmotic pressure above the bath's.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -87,22 +86,21 @@ def _root_at(tissue: Tissue, stress: Callable[..., Any], pressure: float, bath: 
         J = 1.0 - fluid_fraction + np.exp(u)
         return stress(tissue.solid, J, fluid_fraction) + pressure - osmotic_pressure_difference(tissue, J, bath)
 
-    u = math.log(fluid_fraction)
-    low, high = u + math.log(_LEAST_WATER), u + math.log(_MOST_WATER)
+    u = np.log(fluid_fraction)
+    low, high = u + np.log(_LEAST_WATER), u + np.log(_MOST_WATER)
     if not residual(low) < 0.0:
-        return math.nan
+        return np.nan
     for _ in range(_MAX_ITERATIONS):
-        f = complex(residual(complex(u, COMPLEX_STEP)))
+        f = residual(u + 1j * COMPLEX_STEP)
         if f.real < 0.0:
             low = u
         elif f.real > 0.0:
             high = u
-        step = -f.real * COMPLEX_STEP / f.imag if f.imag != 0.0 else math.nan
-        target = u + min(max(step, -_LONGEST_STEP), _LONGEST_STEP)
+        target = u + min(max(-f.real * COMPLEX_STEP / f.imag, -_LONGEST_STEP), _LONGEST_STEP)
         u, previous = target if low <= target <= high else 0.5 * (low + high), u
         if abs(u - previous) <= _CONVERGED_STEP:
-            return 1.0 - fluid_fraction + math.exp(u)
-    return math.nan
+            return float(1.0 - fluid_fraction + np.exp(u))
+    return np.nan
 
 
 def _roots(tissue: Tissue, stress: Callable[..., Any], pressure: Array, bath: Array) -> Array:
