@@ -112,7 +112,8 @@ def full_balances(solid: type, permeability: type, osmotic: type) -> Callable[..
                     mu_lower, activity_lower = mu, activity
                 else:
                     mu_upper, activity_upper = mu, activity
-            per_distance = 1.0 / metric[0, i]  # a division takes as long as five products
+            distance = metric[0, i]
+            per_distance = 1.0 / distance  # a division takes as long as five products
             at_face = metric[3, i] * activity_lower + metric[4, i] * activity_upper
             if outside:
                 at_face = activity_lower if i == 0 else activity_upper
