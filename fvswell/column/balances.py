@@ -213,17 +213,19 @@ def full_balances(solid: type, permeability: type, osmotic: type, current_is_fou
                 else:
                     mu_upper, activity_upper = mu, activity
             distance = metric[0, i]
+            per_distance = 1.0 / distance  # a division takes as long as five products
             at_face = metric[3, i] * activity_lower + metric[4, i] * activity_upper
             if outside:
                 at_face = activity_lower if i == 0 else activity_upper
             J, activity, mu_slope, activity_slope = variables(
                 metric[1, i] * contents[0, lower] + metric[2, i] * contents[0, upper],
                 at_face,
-                (mu_upper - mu_lower) / distance,
-                (activity_upper - activity_lower) / distance,
+                (mu_upper - mu_lower) * per_distance,
+                (activity_upper - activity_lower) * per_distance,
             )
             cation, anion = ion_concentrations(tissue.osmotic, fixed_charge_density(tissue, J), activity)
-            mu_gradient, activity_gradient = mu_slope / J, activity_slope / J
+            per_stretch = 1.0 / J
+            mu_gradient, activity_gradient = mu_slope * per_stretch, activity_slope * per_stretch
             potential_gradient = potential_gradient_of_current(
                 tissue, J, cation, anion, mu_gradient, activity_gradient, current
             )
@@ -242,7 +244,7 @@ def full_balances(solid: type, permeability: type, osmotic: type, current_is_fou
             for row in range(rows):
                 through = flux.water if row == 0 else (flux.anion if row == 1 else rise)
                 by_J, by_activity = slope_of(through, 0), slope_of(through, 1)
-                by_mu, by_salt = slope_of(through, 2) / distance, slope_of(through, 3) / distance
+                by_mu, by_salt = slope_of(through, 2) * per_distance, slope_of(through, 3) * per_distance
                 if outside:
                     by_pressure[row, end] = by_mu if i == 0 else -by_mu
                 for unknown in range(2):

@@ -62,7 +62,8 @@ def generic(function: Callable[..., Any]) -> Generic:
 
     @functools.wraps(function)
     def dispatch(law: Any, *arguments: Any) -> Any:
-        return implementation_for(implementations, type(law))(law, *arguments)
+        own = type(law)
+        return implementations[own if own in implementations else object](law, *arguments)
 
     def register(law: type) -> Callable[[_Function], _Function]:
         def add(implementation: _Function) -> _Function:
@@ -76,11 +77,6 @@ def generic(function: Callable[..., Any]) -> Generic:
     _generic.append(chosen)
     generic_function: Generic = chosen
     return generic_function
-
-
-def implementation_for(implementations: dict[type, Callable[..., Any]], law: type) -> Callable[..., Any]:
-    """The implementation for laws of a type."""
-    return implementations[law if law in implementations else object]
 
 
 def law_at(law: Any, parameters: Any, first: int, index: int) -> Any:
@@ -135,6 +131,7 @@ def _typed(dispatch: Generic) -> Callable[..., Any]:
     """What numba asks for the implementation of a generic function, given the types of the arguments."""
 
     def choose(law: Any, *arguments: Any) -> Any:
-        return implementation_for(dispatch.implementations, law.instance_class)
+        own, implementations = law.instance_class, dispatch.implementations
+        return implementations[own if own in implementations else object]
 
     return choose

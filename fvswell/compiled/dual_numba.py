@@ -201,8 +201,8 @@ def _lower_mul(context: Any, builder: ir.IRBuilder, sig: Any, args: tuple[ir.Val
 def _lower_truediv(context: Any, builder: ir.IRBuilder, sig: Any, args: tuple[ir.Value, ...]) -> ir.Value:
     a, da = _unpack(builder, sig.args[0], args[0])
     b, db = _unpack(builder, sig.args[1], args[1])
-    inverse = builder.fdiv(REAL(1.0), b)  # which many quotients share: a division takes as long as five products
-    value = builder.fmul(a, inverse)
+    value = builder.fdiv(a, b)
+    inverse = builder.fdiv(REAL(1.0), b)
     if da is not None and db is not None:
         slopes = _scale(builder, inverse, builder.fsub(da, _scale(builder, value, db)))
     elif da is not None:

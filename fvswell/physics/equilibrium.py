@@ -61,13 +61,13 @@ def _root(
 
     In u the osmotic pressure is about an exponential, on which Newton's steps stay short, and J > 1 - n_f0.
     """
-    pressure, bath = np.broadcast_arrays(applied_pressure, bath_concentration)
-    if pressure.size > _FEW or any(np.ndim(number) for number in _numbers(tissue)):
+    pressure, bath = np.asarray(applied_pressure), np.asarray(bath_concentration)
+    states = np.broadcast(pressure, bath)
+    if states.size > _FEW or not all(isinstance(number, float) for number in _numbers(tissue)):
         return _roots(tissue, stress, pressure, bath)
-    states = zip(pressure.ravel().tolist(), bath.ravel().tolist(), strict=True)
     with np.errstate(all="ignore"):  # as in _roots
-        found = [_root_at(tissue, stress, *state) for state in states]
-    return np.array(found).reshape(pressure.shape)
+        found = [_root_at(tissue, stress, float(p), float(c)) for p, c in states]
+    return np.array(found).reshape(states.shape)
 
 
 def _numbers(tissue: Tissue) -> tuple[Any, ...]:
