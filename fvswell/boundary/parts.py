@@ -26,7 +26,18 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["CONDUCTING", "ELECTRICAL", "ELECTRODES", "HELD", "LOADED", "MEASURED", "MECHANICAL", "Part", "load_names"]
+__all__ = [
+    "CONDUCTING",
+    "ELECTRICAL",
+    "ELECTRODES",
+    "HELD",
+    "LOADED",
+    "MEASURED",
+    "MECHANICAL",
+    "RESERVED",
+    "Part",
+    "load_names",
+]
 
 Mechanical = Literal["fixed", "roller", "free", "straight", "glued-plate"]
 Electrical = Literal["insulating", "grounded", "floating", "current", "potential"]
@@ -42,6 +53,21 @@ MEASURED = (
     "pressure", "force", "displacement", "tangential_displacement", "bath_concentration", "bath_pressure",
     "water_volume", "cation_amount", "anion_amount", "current", "potential",
 )  # fmt: skip
+# names that parts cannot have, as histories "PART_KIND" would be called like other fields
+RESERVED = (
+    "cation",
+    "anion",
+    "electric",
+    "fluid",
+    "mesh",
+    "node",
+    "osmotic",
+    "phase",
+    "probe",
+    "step",
+    "time",
+    "water",
+)
 # loads that each mechanical condition takes; at most one at a time, but for the tangential displacement
 LOADED: Mapping[str, tuple[str, ...]] = {
     "fixed": (),

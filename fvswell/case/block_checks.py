@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 
 import numpy as np
 
+from fvswell.boundary.parts import RESERVED
 from fvswell.boundary.sides import EDGE_AXIS, OUTWARD
 from fvswell.case.errors import Finding
 from fvswell.case.geometry import BlockGeometry
 from fvswell.case.loads import StrainLoad, extremes, shape_of
+from fvswell.case.phases import BlockPhase
 from fvswell.case.reference_state import stress_free
 from fvswell.case.schema import CaseTable
 from fvswell.case.values import RelaxationTimes
@@ -28,6 +31,7 @@ def edge_conditions(case: CaseTable) -> Iterator[Finding]:
     from fvswell.block.part_checks import check_parts  # takes scipy along, which columns need not wait for
 
     geometry = _geometry(case)
+    yield from _part_names(case)
     problems = check_parts(geometry.kind == "axisymmetric", geometry.extent, case.parts)
     yield from (Finding(("boundary",), problem) for problem in problems)
     width, height = geometry.extent
@@ -51,6 +55,18 @@ def edge_conditions(case: CaseTable) -> Iterator[Finding]:
             f"a cell would be {longest:.2g} times as long as wide, more than {_LARGEST_ASPECT_RATIO:g}: change the "
             "lengths of the block, the cells or their grading",
         )
+
+
+def _part_names(case: CaseTable) -> Iterator[Finding]:
+    """Names of parts that a phase could not hold, or under which a result has something else."""
+    taken = {*BlockPhase.model_fields, *RESERVED}
+    for part in case.parts:
+        if part.name in taken or not re.fullmatch(r"[A-Za-z]\w*", part.name):
+            yield Finding(
+                ("boundary", part.name),
+                f"cannot be the name of a part: letters, digits and _ can, beginning with a letter, and none of "
+                f"{', '.join(sorted(taken))}",
+            )
 
 
 def edge_loads(case: CaseTable, tissue: Tissue, points: Array) -> Iterator[Finding]:

@@ -24,6 +24,7 @@ def load_findings(case: CaseTable) -> Iterator[Finding]:
     if case.geometry.kind == "column":
         for problem in condition_problems(case.parts):
             yield Finding(("boundary",), problem)
+        yield from _one_current(case)
     unknown = list(_unknown_parts(case))
     yield from unknown
     yield from _long_loads(case)
@@ -33,6 +34,17 @@ def load_findings(case: CaseTable) -> Iterator[Finding]:
         yield from _rates(case)
         yield from _two_baths(case)
     yield from _unknown_measure(case)
+
+
+def _one_current(case: CaseTable) -> Iterator[Finding]:
+    """What goes into a column at one end leaves it at the other."""
+    for part, other in zip(case.parts, case.parts[::-1], strict=True):
+        if part.electrical == "current" and other.electrical not in ("grounded", "potential"):
+            yield Finding(
+                ("boundary", part.name, "electrical"),
+                f"a current through {part.name} leaves through {other.name}, which is {other.electrical}: it has to be "
+                "grounded or at a given potential",
+            )
 
 
 def _unknown_measure(case: CaseTable) -> Iterator[Finding]:

@@ -112,6 +112,10 @@ _PRINT_UNITS = {  # unit in the file: factor, unit in print
     "mm s-1": (1e3, "µm/s"),
     "mmol mm-2 s-1": (1e6, "nmol/(mm² s)"),
     "A mm-2": (1e6, "µA/mm²"),
+    "A": (1e6, "µA"),
+    "mm3": (1.0, "mm³"),
+    "mmol mm-2": (1e6, "nmol/mm²"),
+    "mmol": (1e6, "nmol"),
 }
 _Parameters = ParamSpec("_Parameters")
 
@@ -305,16 +309,20 @@ def save_figure(figure: Figure, path: Path) -> None:
         raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
 
 
-def axis_label(variable: str) -> str:
-    """Name of a field with its unit in print."""
-    name, unit = variable.replace("_", " "), print_unit(variable)[1]
+def axis_label(variable: str, units: str | None = None) -> str:
+    """Name of a field with its unit in print; ``units`` are those of a result, where they differ by geometry."""
+    name, unit = variable.replace("_", " "), print_unit(variable, units)[1]
     return f"{name} ({unit})" if unit else name
 
 
-def print_unit(variable: str) -> tuple[float, str]:
+def print_unit(variable: str, units: str | None = None) -> tuple[float, str]:
     """Factor from the unit of a field in the file to its unit in print, and that unit."""
-    unit = field(variable).units
+    unit = units or field(variable).units
     return _PRINT_UNITS.get(unit, (1.0, "" if unit == "1" else unit))
+
+
+def _units_of(results: Mapping[str, xr.Dataset], variable: str) -> str | None:
+    return next((str(result[variable].attrs["units"]) for result in results.values() if variable in result), None)
 
 
 def nearest_model(comparison: Comparison, phase: str) -> Difference:
@@ -345,7 +353,7 @@ def draw_histories(
     scale, unit = time_unit(results)
     for label, result in results.items():
         _plot(axes, result["time"].values * scale, result[variable].values, lines[label], label)
-    axes.set(xlabel=f"time ({unit})", ylabel=axis_label(variable))
+    axes.set(xlabel=f"time ({unit})", ylabel=axis_label(variable, _units_of(results, variable)))
     axes.margins(x=0.02)
     axes.legend()
 
@@ -358,7 +366,7 @@ def draw_gaps(axes: Axes, comparison: Comparison, lines: Mapping[str, Line]) -> 
             time, gap = comparison.gap(model)
             _plot(axes, time * scale, gap, lines[model], model)
     axes.axhline(0.0, color="0.6", linewidth=0.6, zorder=0)
-    label = f"{axis_label(comparison.quantity)},\nless that of {comparison.reference}"
+    label = f"{axis_label(comparison.quantity, _units_of(comparison.results, comparison.quantity))},\nless that of {comparison.reference}"
     axes.set(xlabel=f"time ({unit})", ylabel=label)
     axes.margins(x=0.02)
     axes.legend()

@@ -140,7 +140,10 @@ def in_column(open_top: bool, pressures: Any, baths: Any, currents: Any, top: di
     The pressures are those of the plate, of the bath above and of the bath below; the baths are above and below.
     """
     tissue, area = reference_tissue(permeability_exponent=2.0), 0.3
-    column = integrations.make_column("electrochemical", tissue, grading=5.0, open_ends=(True, open_top))
+    ends = integrations.parts_with(
+        (True, open_top), ("grounded", top["electrical"]), ("bath", top.get("electrode", "bath"))
+    )
+    column = integrations.make_column("electrochemical", tissue, grading=5.0, parts=ends)
     of_column, of_block = [], []
     parts = CONFINED | part("bottom", "roller", open=True) | part("top", "straight", open=open_top, **top)
     block = uniform_block(block_grid("plane-strain", np.array([0.0, area]), column.grid.nodes), parts, ELECTROCHEMICAL,
@@ -150,8 +153,8 @@ def in_column(open_top: bool, pressures: Any, baths: Any, currents: Any, top: di
         plate, above, below = (pressure[k] for pressure in pressures)
         of_column.append(
             integrations.loads(
-                plate + above, filter_concentration=baths[1][k], filter_pressure=below, current=-currents[k] / FARADAY,
-                piston_concentration=baths[0][k], piston_pressure=above,
+                plate, filter_bath_concentration=baths[1][k], filter_bath_pressure=below, filter_current=-currents[k],
+                piston_bath_concentration=baths[0][k], piston_bath_pressure=above,
             )
         )  # fmt: skip
         loads: dict[str, Any] = {"top__pressure": plate, "bottom__bath_concentration": baths[1][k],
