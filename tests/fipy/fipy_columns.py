@@ -61,7 +61,7 @@ def setup(column: Column, duration: float, control: Control | None = None, **giv
     J = column.initial_volume_ratio()
     start, chosen = column.start(J), control or equal_steps(8)
     return SimpleNamespace(
-        case=SimpleNamespace(source="test", assembly="fipy", phase=[SimpleNamespace(duration=duration)]),
+        case=SimpleNamespace(source="test", assembly="fipy", phase=[SimpleNamespace(duration=duration, until=None)]),
         column=column, initial_volume_ratio=J, state=start,
         body=column.body(J), tissue=column.cells, march=compiled_march, volumes=column.grid.widths,
         scale=column.scale[: len(start.contents)],

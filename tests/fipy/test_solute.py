@@ -117,6 +117,14 @@ def test_column_that_cannot_go_on_says_so() -> None:
         list(column)
 
 
+def test_a_phase_that_ends_on_a_rate_has_to_be_given_its_duration() -> None:
+    case = fvswell.load_case(ROOT / "cases" / "confined_compression.toml").with_changes(
+        {"geometry.cells": 8, "phase.0.duration": 200.0, "phase.1.duration": 200.0, "phase.0.until": "1e-4 /min"}
+    )
+    with pytest.raises(fvswell.SolverError, match="phase loading ends on a rate: give its duration"):
+        next(iter(MovingColumn(make_setup(case))))
+
+
 def test_example_conserves_the_solute() -> None:
     """What is in the column, has been consumed and has entered: equal to 1e-10 after every step."""
     example = runpy.run_path(str(ROOT / "examples" / "solute_in_a_column.py"))
