@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -187,7 +188,7 @@ def _problem_of(
     }  # fmt: skip
     content = {
         "title": case.title,
-        "case": case,
+        "case": tomllib.loads(case.to_toml()),
         "measurement": [{key: item for key, item in measurement.items() if item is not None}],
         "parameter": [_parameter(text) for text in parameters],
     }

@@ -111,9 +111,7 @@ def _parameter_findings(table: FitTable) -> Iterator[Finding]:
 
 
 def _case(given: Any, changes: Mapping[str, Any] | None, directory: Path, place: str) -> Case:
-    if isinstance(given, Case):
-        case = given
-    elif isinstance(given, str):
+    if isinstance(given, str):
         case = load_case(directory / given)
     else:
         case = Case.from_toml(tomli_w.dumps(given), f"{place}.case")

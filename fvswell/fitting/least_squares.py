@@ -25,8 +25,9 @@ __all__ = ["BestFit", "Search", "best_fit", "residuals_of"]
 SMALLEST_NOISE = 1e-6  # of the size of a curve: below it a misfit is rounding and the tolerance of the runs
 _SCREENED = 8  # points spread over the bounds for each further start
 _MOST_EVALUATIONS = 100  # of one search
+_ROUGH_EVALUATIONS = 25  # of one that is compared first
 _CLOSE = 1e-9  # relative change of the squares that ends a search
-_ROUGH = 1e-4  # the same of searches that are compared first
+_ROUGH = 1e-3  # the same of searches that are compared first
 _SAME_COORDINATES = 1e-10
 _ROUNDS = 10  # of noise levels
 _SAME_NOISE = 1e-3
@@ -201,7 +202,7 @@ def _search(evaluator: Evaluator, scales: Array, start: Array, stage: str, close
 
     found: Any = least_squares(
         residuals, problem.parameters.within(start), jacobian, problem.parameters.bounds, x_scale="jac",
-        ftol=close, xtol=_SAME_COORDINATES, gtol=None, max_nfev=_MOST_EVALUATIONS,
+        ftol=close, xtol=_SAME_COORDINATES, gtol=None, max_nfev=_ROUGH_EVALUATIONS if close == _ROUGH else _MOST_EVALUATIONS,
     )  # fmt: skip
     return Search(start, found.x, 2.0 * float(found.cost), int(found.nfev), found.status > 0)
 

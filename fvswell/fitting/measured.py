@@ -14,13 +14,13 @@ from fvswell.fitting.data_file import DataFile
 from fvswell.fitting.measurement import Measurement, histories_of, history_dimension, history_unit
 from fvswell.fitting.schema import MeasurementTable
 from fvswell.physics.tissue import Array
-from fvswell.results.layout import SAME_TIME
 from fvswell.simulation.relaxation import phase_durations
 from fvswell.units import DIMENSIONS, PLAIN_NUMBER, QuantityError, number_or_text, parse
 
 __all__ = ["measurement_of", "thinned"]
 
 _FEWEST = 3
+_SLACK = 1e-6  # of the run: times in files are rounded
 
 
 def measurement_of(table: MeasurementTable, case: Case, data: DataFile, place: str = "measurement") -> Measurement:
@@ -155,7 +155,7 @@ class _Reading:
             ends = np.cumsum([0.0, *phase_durations(self.case)])
         except SolverError as error:
             raise CaseError([Problem(f"{self.place}.case", "", str(error))], self.data.source) from None
-        slack = SAME_TIME * ends[-1]
+        slack = _SLACK * ends[-1]
         within = np.zeros(len(times), dtype=bool)
         for index, (phase, (start, end)) in enumerate(zip(self.case.phase, pairwise(ends), strict=True)):
             if phase.name in phases:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from fvswell.fitting.fit import FitResult
@@ -152,7 +153,22 @@ def pairs_figure(result: FitResult) -> Figure:
                 panel.set_xlabel(_label(result, column))
             if column == 0:
                 panel.set_ylabel(_label(result, row))
+    _pairs_legend(figure, result)
     return figure
+
+
+def _pairs_legend(figure: Figure, result: FitResult) -> None:
+    """What the lines and dots of the pairs are."""
+    region = f"{100.0 * result.problem.settings.confidence:g} % region of the covariance"
+    kinds: list[tuple[str, dict[str, Any]]] = [(region, {"color": _CURVE, "linewidth": 0.9})]
+    if result.profiles:
+        kinds.append(("ways of the profiles", {"color": _LIMIT, "linewidth": 0.8, "marker": "o", "markersize": 1.8}))
+    if result.samples is not None:
+        kinds.append(
+            ("samples of the posterior", {"color": _DATA, "linestyle": "none", "marker": "o", "markersize": 2})
+        )
+    handles = [Line2D([], [], label=label, **style) for label, style in kinds]
+    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
 
 
 def _curve_band(result: FitResult) -> Array:

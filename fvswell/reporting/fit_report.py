@@ -132,7 +132,9 @@ def fit_lines(result: FitResult) -> list[str]:
             )
     lines += diagnoses(result)
     if len(best.searches) > 1:
-        lines.append(f"{best.agreeing} of {len(best.searches)} searches ended there")
+        ended = sum(search.converged for search in best.searches)
+        given_up = f"; {len(best.searches) - ended} were given up on their way" if ended < len(best.searches) else ""
+        lines.append(f"{best.agreeing} of {len(best.searches)} searches came there{given_up}")
     if result.samples is not None:
         lines += _sample_lines(result)
     failed = sum(result.failed.values())

@@ -49,6 +49,12 @@ def plan_lines(plan: Plan, confidence: float) -> list[str]:
     best = plan.best
     within = "" if np.isinf(plan.budget) else f" within {time_text(plan.budget)}"
     if best is None or best.tells is None:
+        shortest = min(each.duration for each in plan.protocols)
+        if shortest > plan.budget:
+            return [
+                *lines,
+                f"no protocol is over within {time_text(plan.budget)}: the shortest takes {time_text(shortest)}",
+            ]
         return [*lines, f"no protocol{within} tells all parameters"]
     told = ", ".join(
         f"{words(name)} to {width_text(width, is_log)}"
