@@ -202,7 +202,8 @@ def _search(evaluator: Evaluator, scales: Array, start: Array, stage: str, close
 
     found: Any = least_squares(
         residuals, problem.parameters.within(start), jacobian, problem.parameters.bounds, x_scale="jac",
-        ftol=close, xtol=_SAME_COORDINATES, gtol=None, max_nfev=_ROUGH_EVALUATIONS if close == _ROUGH else _MOST_EVALUATIONS,
+        ftol=close, xtol=_SAME_COORDINATES, gtol=None,
+        max_nfev=_ROUGH_EVALUATIONS if close == _ROUGH else _MOST_EVALUATIONS,
     )  # fmt: skip
     return Search(start, found.x, 2.0 * float(found.cost), int(found.nfev), found.status > 0)
 

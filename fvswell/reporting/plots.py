@@ -366,7 +366,8 @@ def draw_gaps(axes: Axes, comparison: Comparison, lines: Mapping[str, Line]) -> 
             time, gap = comparison.gap(model)
             _plot(axes, time * scale, gap, lines[model], model)
     axes.axhline(0.0, color="0.6", linewidth=0.6, zorder=0)
-    label = f"{axis_label(comparison.quantity, _units_of(comparison.results, comparison.quantity))},\nless that of {comparison.reference}"
+    units = _units_of(comparison.results, comparison.quantity)
+    label = f"{axis_label(comparison.quantity, units)},\nless that of {comparison.reference}"
     axes.set(xlabel=f"time ({unit})", ylabel=label)
     axes.margins(x=0.02)
     axes.legend()
