@@ -99,7 +99,7 @@ def _mean_vectors(block: Block, positions: Array, states: list[Transport]) -> Ar
     """Mean vectors of all fluxes in the cells, ``(fluxes, 2, outputs, cells)``."""
     totals = np.zeros((len(states), len(block.balances), block.grid.face_cells.shape[1]))
     totals[:, :, block.diamonds.faces] = [state.fluxes for state in states]
-    means = [cell_vectors(block, *each) for each in zip(positions, totals, strict=True)]
+    means = np.stack([cell_vectors(block, *each) for each in zip(positions, totals, strict=True)])
     return np.moveaxis(means, 0, 2)
 
 
@@ -114,7 +114,7 @@ def _ion_flux_parts(
     activity = np.broadcast_to(bath_log_activity(faces.osmotic, baths[:, None]), at_faces.shape)
     outside = np.stack(ion_concentrations(faces.osmotic, fixed_charge_density(faces, at_faces), activity))
     each = zip(positions, np.moveaxis(ions, 1, 0), np.moveaxis(outside, 1, 0), strict=True)
-    gradients = np.moveaxis([cell_gradients(block, *state) for state in each], 0, 2)
+    gradients = np.moveaxis(np.stack([cell_gradients(block, *state) for state in each]), 0, 2)
     fields: Fields = {}
     for name, inside, gradient, diffusivity in (
         ("cation", ions[0], gradients[0], tissue.cation_diffusivity),
