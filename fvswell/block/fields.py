@@ -98,8 +98,8 @@ def _mean_vectors(block: Block, positions: Array, states: list[Transport]) -> Ar
     """Mean vectors of all fluxes in the cells, ``(fluxes, 2, outputs, cells)``."""
     totals = np.zeros((len(states), len(block.balances), block.grid.face_cells.shape[1]))
     totals[:, :, block.diamonds.faces] = [state.fluxes for state in states]
-    means = [cell_vectors(block, *each) for each in zip(positions, totals, strict=True)]
-    return np.moveaxis(np.stack(means), 0, 2)
+    means = np.stack([cell_vectors(block, *each) for each in zip(positions, totals, strict=True)])
+    return np.moveaxis(means, 0, 2)
 
 
 def _ion_flux_parts(block: Block, positions: Array, states: list[Transport], ions: Array, fluxes: Fields) -> Fields:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
 
+from fvswell.compiled import kernel
 from fvswell.physics.tissue import Array
 
 __all__ = ["Part", "nested_dissection"]
@@ -33,7 +34,7 @@ def nested_dissection(graph: sparse.csr_array, places: Array) -> list[Part]:
     Parameters
     ----------
     graph
-        Positive where two unknowns appear together in an equation; symmetric.
+        Has an entry where two unknowns appear together in an equation; symmetric.
     places
         Of the unknowns, ``(2, unknowns)``; nan for those that belong to no single place, which come last.
 
@@ -44,12 +45,13 @@ def nested_dissection(graph: sparse.csr_array, places: Array) -> list[Part]:
         a descendant of the other's part.
     """
     parts: list[Part] = []
-    behind = np.zeros(graph.shape[0])  # 1 for the unknowns before a cut
+    behind = np.zeros(graph.shape[0], dtype=bool)  # the unknowns before a cut
 
     def separated(before: Array, after: Array) -> _Cut:
-        behind[before] = 1.0
-        separating = graph[after] @ behind > 0.0
-        behind[before] = 0.0
+        separating = np.empty(len(after), dtype=bool)
+        behind[before] = True
+        _find_neighbours(graph.indptr, graph.indices, after, behind, separating)
+        behind[before] = False
         return _Cut(before, after[~separating], after[separating])
 
     def cut(unknowns: Array) -> _Cut | None:
@@ -80,3 +82,14 @@ def nested_dissection(graph: sparse.csr_array, places: Array) -> list[Part]:
     placed = np.isfinite(places).all(axis=0)
     add(np.flatnonzero(~placed), divide(np.flatnonzero(placed)))
     return parts
+
+
+@kernel
+def _find_neighbours(begin: Any, columns: Any, unknowns: Any, marked: Any, found: Any) -> Any:
+    """Which of some unknowns appear together with any that is marked."""
+    for i in range(len(unknowns)):
+        found[i] = False
+        for entry in range(begin[unknowns[i]], begin[unknowns[i] + 1]):
+            if marked[columns[entry]]:
+                found[i] = True
+                break

@@ -34,6 +34,7 @@ class Control(NamedTuple):
     error_order: int
     dense_weights: Any
     dense_stages: Any
+    guesses: Any
     tolerance: float  # of the global strain, relative to its largest value; without error control, of Newton
     expected_strain: float  # that the tolerance is relative to as long as no larger one has been seen
     max_step: float  # s

@@ -149,26 +149,29 @@ def next_target(protocol: Any, control: Any, state: Any) -> Any:
 
 @point
 def guess_unknowns(control: Any, state: Any, work: Any, stage: Any, size: Any) -> Any:
-    """Unknowns of a stage by the polynomial through those that are known: of earlier stages, and of earlier steps."""
-    nodes, clock = work.nodes, state.clock
+    """Unknowns of a stage by the polynomial through those that are known: of earlier stages, or of earlier steps."""
+    if stage > 2:
+        for k in range(len(work.unknowns)):
+            work.unknowns[k] = 0.0
+        for i in range(stage):
+            weight = control.guesses[stage, i]
+            if weight != 0.0:
+                for k in range(len(work.unknowns)):
+                    work.unknowns[k] += weight * work.stages[i, k]
+        return
+    nodes, clock, result = work.nodes, state.clock, work.unknowns
     now = control.nodes[stage] * size
-    implicit_only = control.error_order == 0
-    earlier = 0 if implicit_only else stage  # stages that are known; the first is the present state
-    first = max(0, earlier - 4)
-    known = earlier - first
-    for i in range(known):
-        nodes[i] = control.nodes[first + i] * size
+    known = max(stage, 1)  # the present state, and perhaps the stage after it
+    nodes[0] = 0.0
+    for i in range(1, known):
+        nodes[i] = control.nodes[i] * size
     total = known
-    if implicit_only:
-        nodes[total] = 0.0
-        total += 1
     if total < 3 and not np.isnan(clock[NEAR]):
         nodes[total] = -clock[NEAR]
         total += 1
         if total < 3 and not np.isnan(clock[FAR]):
             nodes[total] = -clock[FAR]
             total += 1
-    result = work.unknowns
     for k in range(len(result)):
         result[k] = 0.0
     for i in range(total):
@@ -176,16 +179,13 @@ def guess_unknowns(control: Any, state: Any, work: Any, stage: Any, size: Any) -
         for j in range(total):
             if j != i:
                 weight *= (now - nodes[j]) / (nodes[i] - nodes[j])
-        if i < known:
-            for k in range(len(result)):
-                result[k] += weight * work.stages[first + i, k]
-        elif implicit_only and i == 0:
-            for k in range(len(result)):
+        for k in range(len(result)):
+            if i == 0:
                 result[k] += weight * state.unknowns[k]
-        else:
-            row = i - known - (1 if implicit_only else 0)
-            for k in range(len(result)):
-                result[k] += weight * state.past[row, k]
+            elif i < known:
+                result[k] += weight * work.stages[i, k]
+            else:
+                result[k] += weight * state.past[i - known, k]
 
 
 @point

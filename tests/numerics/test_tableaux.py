@@ -114,3 +114,10 @@ def test_weights_of_the_states_at_the_stages_say_the_same_as_those_of_their_rate
     at_end = ESDIRK43.dense_stages.sum(axis=1)
     np.testing.assert_allclose(at_end, [0.0, 0.0, 0.0, 0.0, 0.0, 1.0], atol=1e-12)
     np.testing.assert_allclose(BACKWARD_EULER.dense_stages, 1.0)
+
+
+def test_guesses_of_stages_are_exact_for_quadratics() -> None:
+    for stage in (3, 4, 5):
+        for power in range(3):
+            assert ESDIRK43.guesses[stage] @ C**power == pytest.approx(C[stage] ** power, abs=1e-12)
+        assert np.all(ESDIRK43.guesses[stage, stage:] == 0.0)
