@@ -28,6 +28,7 @@ from fvswell.reporting.plots import (
     axis_label,
     draw_gaps,
     draw_histories,
+    histories_among,
     in_print_style,
     line_styles,
     nearest_model,
@@ -71,7 +72,7 @@ def all_blocks(results: Mapping[str, xr.Dataset]) -> bool:
 
 @in_print_style
 def block_figure(results: Mapping[str, xr.Dataset], times: Sequence[float], variables: Sequence[str]) -> Figure:
-    """Displacement of the probe against time, and a row of maps for each variable and result, a panel for each time.
+    """Histories against time, and a row of maps for each variable and result, a panel for each time.
 
     Parameters
     ----------
@@ -80,22 +81,26 @@ def block_figure(results: Mapping[str, xr.Dataset], times: Sequence[float], vari
     times
         Times of the maps, s.
     variables
-        Fields in cells or at nodes.
+        Histories, and fields in cells or at nodes. Without a history the displacement of the probe is drawn.
     """
+    histories, variables = histories_among(results, variables)
+    histories = histories or [f"probe_displacement_{axis}" for axis in AXES]
     rows = [(name, label) for name in variables for label, result in results.items() if name in result]
     limits = _limits(results, times)
     columns = max(len(times), 1)
-    heights = [_HISTORY_HEIGHT] + [_panel_height(limits, columns)] * len(rows)
+    abreast = min(len(histories), 2)
+    above = -(-len(histories) // abreast)
+    heights = [_HISTORY_HEIGHT * above] + [_panel_height(limits, columns)] * len(rows)
     figure = Figure(figsize=(PAGE_WIDTH, sum(heights) + _TITLES_HEIGHT), layout="constrained")
     parts = figure.subfigures(1 + bool(rows), 1, squeeze=False, height_ratios=_ratios(heights)[: 1 + bool(rows)])
     top, below = parts[0, 0], parts[-1, 0]
     lines = line_styles(results)
     scale, _ = time_unit(results)
-    for axis, axes in zip(AXES, top.subplots(1, 2), strict=True):
-        draw_histories(axes, results, lines, f"probe_displacement_{axis}")
+    for history, axes in zip(histories, top.subplots(above, abreast, squeeze=False).flat, strict=False):
+        draw_histories(axes, results, lines, history)
         for at in times:
             axes.axvline(at * scale, color="0.75", linewidth=0.6, zorder=0)
-        if axis == "y":
+        if history != histories[0]:
             axes.legend().remove()
     if not rows:
         return figure

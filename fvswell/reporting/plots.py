@@ -19,10 +19,12 @@ from matplotlib.figure import Figure
 
 from fvswell.analysis.comparison import Comparison, Difference
 from fvswell.analysis.histories import local_strain, profile_at
+from fvswell.case.acting_loads import acting_loads, moved_part
+from fvswell.case.case import Case
 from fvswell.case.errors import nearest_name
 from fvswell.errors import OutputError
 from fvswell.physics.tissue import Array
-from fvswell.results.fields import FIELDS, field
+from fvswell.results.fields import FIELDS, field, is_field
 from fvswell.units import QuantityError, number_or_text, parse
 
 if TYPE_CHECKING:
@@ -41,6 +43,7 @@ __all__ = [
     "draw_gaps",
     "draw_histories",
     "handy_time",
+    "histories_among",
     "in_print_style",
     "line_styles",
     "lines_in_order",
@@ -133,7 +136,7 @@ def in_print_style(draw: Callable[_Parameters, Figure]) -> Callable[_Parameters,
 
 @in_print_style
 def result_figure(results: Mapping[str, xr.Dataset], times: Sequence[float], variables: Sequence[str]) -> Figure:
-    """Global strain against time, and a row of profiles for each variable with a panel for each time.
+    """Histories, and a row of profiles for each variable with a panel for each time.
 
     Parameters
     ----------
@@ -142,19 +145,22 @@ def result_figure(results: Mapping[str, xr.Dataset], times: Sequence[float], var
     times
         Times of the profiles, s.
     variables
-        Fields in cells or at nodes.
+        Histories, and fields in cells or at nodes. Without a history that which the experiment measures is drawn.
     """
-    columns = max(len(times), 1)
-    figure = Figure(figsize=(PAGE_WIDTH, 2.1 + 1.55 * len(variables)), layout="constrained")
-    grid = figure.add_gridspec(1 + len(variables), columns, height_ratios=[1.35] + [1.0] * len(variables))
+    histories, variables = histories_among(results, variables)
+    histories = histories or [measured_history(results)]
+    columns, above = max(len(times), 1), len(histories)
+    figure = Figure(figsize=(PAGE_WIDTH, 2.1 * above + 1.55 * len(variables)), layout="constrained")
+    grid = figure.add_gridspec(above + len(variables), columns, height_ratios=[1.35] * above + [1.0] * len(variables))
     lines = line_styles(results)
-    top = figure.add_subplot(grid[0, :])
-    draw_histories(top, results, lines)
     scale, _ = time_unit(results)
-    for at in times:
-        top.axvline(at * scale, color="0.75", linewidth=0.6, zorder=0)
+    for row, history in enumerate(histories):
+        top = figure.add_subplot(grid[row, :])
+        draw_histories(top, results, lines, history)
+        for at in times if variables else ():
+            top.axvline(at * scale, color="0.75", linewidth=0.6, zorder=0)
     first: Axes | None = None
-    for row, variable in enumerate(variables, start=1):
+    for row, variable in enumerate(variables, start=above):
         shared: Axes | None = None
         for column, at in enumerate(times):
             axes = figure.add_subplot(grid[row, column], sharex=first, sharey=shared)
@@ -162,12 +168,12 @@ def result_figure(results: Mapping[str, xr.Dataset], times: Sequence[float], var
             for label, result in results.items():
                 if variable in result:
                     _draw_profile(axes, result, variable, at, lines[label])
-            if row == 1:
+            if row == above:
                 axes.set_title(f"$t$ = {time_text(at)}")
-            axes.tick_params(labelleft=column == 0, labelbottom=row == len(variables))
+            axes.tick_params(labelleft=column == 0, labelbottom=row == above + len(variables) - 1)
             if column == 0:
                 axes.set_ylabel(fill(axis_label(variable), LABEL_WIDTH))
-            if row == len(variables):
+            if row == above + len(variables) - 1:
                 axes.set_xlabel(_DEPTH_LABEL)
     figure.align_ylabels()
     return figure
@@ -234,18 +240,15 @@ def result_labels(paths: Sequence[Path], results: Sequence[xr.Dataset]) -> list[
 
 
 def chosen_variables(results: Mapping[str, xr.Dataset], names: Sequence[str] | None) -> list[str]:
-    """Fields to draw over the depth or the grid: those asked for, or the usual ones.
+    """Histories, and fields over the depth or the grid, to draw: those asked for, or the usual fields.
 
     Raises
     ------
     OutputError
-        If a name is no field of the results that has a profile.
+        If a name is no history of the results, and no field that has a profile.
     """
-    known = [
-        name
-        for name, field in FIELDS.items()
-        if field.location in ("cell", "node") and any(name in result for result in results.values())
-    ]
+    present = dict.fromkeys(str(name) for result in results.values() for name in result)
+    known = [name for name in present if is_field(name) and field(name).location in ("cell", "node", "global")]
     if not names:
         return [name for name in _DEFAULT_VARIABLES if name in known]
     problems = []
@@ -257,6 +260,23 @@ def chosen_variables(results: Mapping[str, xr.Dataset], names: Sequence[str] | N
     if problems:
         raise OutputError("\n".join(problems))
     return list(names)
+
+
+def histories_among(
+    results: Mapping[str, xr.Dataset], variables: Sequence[str]
+) -> tuple[list[str], list[str]]:  # fmt: skip
+    """Variables that are histories, and those that are not."""
+    histories = {str(name) for result in results.values() for name in result if result[name].dims == ("time",)}
+    return [name for name in variables if name in histories], [name for name in variables if name not in histories]
+
+
+def measured_history(results: Mapping[str, xr.Dataset]) -> str:
+    """What the experiment measures in its first phase: what the case says, the pressure of a moved part, or strain."""
+    result = next(iter(results.values()))
+    case = Case.from_toml(result.attrs["case_toml"])
+    part = moved_part(case, acting_loads(case)[0])
+    name = case.output.measured or ("global_strain" if part is None else f"{part}_pressure")
+    return name if all(name in result for result in results.values()) else "global_strain"
 
 
 def chosen_times(results: Mapping[str, xr.Dataset], text: str | None) -> list[float]:

@@ -316,3 +316,32 @@ def test_nothing_to_explain_has_no_r_squared(tmp_path: Path) -> None:
         assert np.isnan(each.local_strain_ratio)
     with pytest.raises(OutputError, match="cannot be written"):
         write_table(tmp_path, comparison.header, comparison.rows)
+
+
+def test_models_are_compared_by_what_is_asked_for(compression: Comparison) -> None:
+    """By the case, or by whoever compares; a history that one of the models does not have is named."""
+    assert compression.quantity == "global_strain"
+    by_water = compare_results(compression.results, "filter_water_volume")
+    assert by_water.quantity == "filter_water_volume"
+    result, base = (compression.results[model] for model in ("biphasic-swelling", "electrochemical"))
+    end = float(result["phase_end"][0])
+    gap = [float(np.interp(end, each["time"], each["filter_water_volume"])) for each in (result, base)]
+    (difference,) = (d for d in by_water.differences if d.model == "biphasic-swelling" and d.phase == "loading")
+    assert abs(difference.largest) >= abs(gap[0] - gap[1])
+    with pytest.raises(CaseError, match="the biphasic model has no such history"):
+        compare_results(compression.results, "piston_potential")
+
+
+@pytest.mark.parametrize(("name", "near"), [("piston_presure", "piston_pressure"), ("global_stran", "global_strain")])
+def test_a_history_that_no_sample_has_is_refused_in_the_case(name: str, near: str) -> None:
+    with pytest.raises(CaseError, match=f"output.measured.*is no history of this sample.*did you mean {near}"):
+        small_compression(output__measured=name)
+
+
+def test_a_fixed_piston_is_compared_by_its_pressure() -> None:
+    changes = {
+        "boundary.piston.mechanical": "fixed", "phase.loading.piston": None, "phase.unloading.piston": None,
+        "phase.loading.bath_concentration": 1e-4, "phase.unloading.bath_concentration": 1.5e-4,
+    }  # fmt: skip
+    comparison = compare(small_compression().with_changes(changes), ["biphasic-swelling", "electrochemical"])
+    assert comparison.quantity == "piston_pressure"

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from sample_cases import small_compression
 
+import fvswell
 from fvswell.analysis.comparison import Comparison, compare
 from fvswell.case.case import MODELS
 from fvswell.errors import OutputError
@@ -159,7 +160,7 @@ def test_wrong_times_are_all_reported(results: dict[str, xr.Dataset]) -> None:
 
 def test_wrong_variables_are_all_reported(results: dict[str, xr.Dataset]) -> None:
     with pytest.raises(OutputError) as reported:
-        chosen_variables(results, ["fluid_presure", "global_strain", "water_flux"])
+        chosen_variables(results, ["fluid_presure", "step_size", "water_flux"])
     assert "did you mean fluid_pressure?" in str(reported.value)
     assert str(reported.value).count("\n") == 1
     assert chosen_variables({"b": results["biphasic"]}, None) == ["volume_ratio", "fluid_pressure"]
@@ -179,3 +180,28 @@ def test_axes_are_labelled_with_units() -> None:
     assert axis_label("fluid_pressure") == "fluid pressure (MPa)"
     assert axis_label("volume_ratio") == "volume ratio"
     assert axis_label("electric_potential") == "electric potential (mV)"
+
+
+def test_histories_are_drawn_by_name_with_the_unit_of_the_result(results: dict[str, xr.Dataset]) -> None:
+    """Water that has entered is a volume per area in a column; profiles may stand below."""
+    variables = chosen_variables(results, ["filter_water_volume", "piston_pressure", "volume_ratio"])
+    figure = result_figure(results, chosen_times(results, "40 s"), variables)
+    water, pressure, *profiles = figure.axes
+    assert (water.get_ylabel(), pressure.get_ylabel()) == ("filter water volume (mm)", "piston pressure (MPa)")
+    for label, result in results.items():
+        np.testing.assert_array_equal(drawn(water)[label][1], result["filter_water_volume"])
+    assert len(profiles) == 1
+    assert_nothing_is_cut_off(figure)
+
+
+def test_what_the_experiment_measures_is_drawn_first() -> None:
+    """The pressure of a piston that is moved or fixed; what the case names; else strain."""
+    case = small_compression(model="biphasic")
+    pulled = case.with_changes(
+        {"phase.loading.piston.displacement": {"ramp_to": -0.02, "over": 50.0}, "phase.loading.duration": 100.0}
+    )
+    for each, label in ((case, "global strain"), (pulled, "piston pressure (MPa)")):
+        figure = result_figure({"one": fvswell.run(each)}, [], [])
+        assert figure.axes[0].get_ylabel() == label
+    named = case.with_changes({"output.measured": "filter_water_volume"})
+    assert result_figure({"one": fvswell.run(named)}, [], []).axes[0].get_ylabel() == "filter water volume (mm)"
