@@ -30,7 +30,7 @@ __all__ = ["make_block", "unknown_places"]
 
 def make_block(
     grid: BlockGrid, parts: Sequence[Part], model: Model, cells: Tissue, faces: Tissue, solid: Tissue,
-    concentration: float, stabilisation: float = STRENGTH,
+    concentration: float, stabilisation: float = STRENGTH, sample: BlockGrid | None = None,
 ) -> Block:  # fmt: skip
     """Put a block together.
 
@@ -52,16 +52,19 @@ def make_block(
         Of the bath that the block is equilibrated in, mmol/mm3.
     stabilisation
         Strength of what keeps checkerboards out, see `fvswell.block.stabilisation`.
+    sample
+        The same grid as the parts are given on it, if that is not the stress-free one.
 
     Raises
     ------
     ValueError
         If the parts contradict each other, leave the block loose or do not fit the grid; all problems in one message.
     """
-    width, height = np.ptp(grid.vertices, axis=1)
+    given = grid if sample is None else sample
+    width, height = np.ptp(given.vertices, axis=1)
     if problems := check_parts(grid.section.rings, (width, height), parts):
         raise ValueError("; ".join(problems))
-    of_parts, balances = faces_of_parts(grid, parts), len(model.balances)
+    of_parts, balances = faces_of_parts(given, parts), len(model.balances)
     none = np.zeros(0, dtype=int)
     crossed = diamonds(grid, np.concatenate([of_parts[i] for i in crossed_parts(parts, model.transports_ions)]))
     outside = make_outside(grid, crossed, parts, of_parts, balances)

@@ -82,7 +82,7 @@ def edge_loads(case: CaseTable, tissue: Tissue, points: Array) -> Iterator[Findi
         for name, load in phase.loads().items():
             part, _, kind = name.partition(".")
             edge = edges.get(part)
-            if kind != "displacement" or edge is None:
+            if kind != "displacement" or edge is None or edge not in EDGE_AXIS:
                 continue
             extent = stretch * _geometry(case).extent[EDGE_AXIS[edge]]
             duration = phase.duration if isinstance(phase.duration, float) else math.inf

@@ -327,7 +327,7 @@ def data(
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
-    """Show what a data file holds, and begin a case and a fit file for it.
+    """Show a data file, and begin a case and a fit file for it.
 
     Prints its columns and the ramps and holds of its drive; writes a figure, case.toml and fit.toml to DIR.
     """
@@ -416,7 +416,7 @@ def plan(
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
-    """Find which experiment tells most about which parameters, before it is done.
+    """Find the experiment that would tell most, before it is done.
 
     Prints the intervals that a fit would reach in each protocol, and writes plan.csv and a figure to DIR.
     """

@@ -237,7 +237,7 @@ def plot(
         typer.Option("--variable", metavar="NAME", help="Field to draw. May be given many times."),
     ] = None,
 ) -> None:
-    """Draw histories, and fields over the depth or on the moved grid."""
+    """Draw histories, and fields over depth or the moved grid."""
     from fvswell.reporting.block_plots import all_blocks, block_figure
     from fvswell.reporting.plots import chosen_times, chosen_variables, result_figure, result_labels, save_figure
     from fvswell.results.file import read_result

@@ -279,7 +279,7 @@ def _equilibrated(case: Case, model: Model, sample: BlockGrid) -> tuple[BlockBod
     """The block in equilibrium with its bath, its permeability as the case has it, from the grid that it gives."""
 
     def make(grid: BlockGrid, tissues: BlockTissues) -> Block:
-        return make_block(grid, case.parts, model, *tissues, case.bath.concentration)
+        return make_block(grid, case.parts, model, *tissues, case.bath.concentration, sample=sample)
 
     if case.tissue.reference_state == "equilibrated" and model.swelling:
         body, state = stress_free_block(case, model, sample, make)

@@ -305,8 +305,9 @@ def test_properties_from_a_table_over_the_plane() -> None:
     [
         ("plane_strain", "esdirk43", 45, 320),
         ("unconfined_disc", "esdirk43", 25, 130),
-        ("plane_strain", "backward-euler", 101, 330),
-        ("unconfined_disc", "backward-euler", 51, 125),
+        # each step sees anew how fast Newton converges, so that a run that goes on from a file is the same
+        ("plane_strain", "backward-euler", 101, 345),
+        ("unconfined_disc", "backward-euler", 51, 150),
     ],
 )
 def test_newton_iterations_of_the_shipped_cases_are_bounded(
