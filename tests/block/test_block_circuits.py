@@ -137,7 +137,8 @@ def test_in_models_without_ions_electrical_conditions_are_without_effect(sign: f
 def in_column(open_top: bool, pressures: Any, baths: Any, currents: Any, top: dict[str, Any]) -> tuple[Any, Any]:
     """A column and a block one cell wide through two phases; loads of the phases, a pair for each kind.
 
-    The pressures are those of the plate, of the bath above and of the bath below; the baths are above and below.
+    The pressures are those of the plate, of the bath above and of the bath below; the baths are above and below. The
+    currents are potentials (mV) where these are given.
     """
     tissue, area = reference_tissue(permeability_exponent=2.0), 0.3
     ends = integrations.parts_with(
@@ -153,14 +154,17 @@ def in_column(open_top: bool, pressures: Any, baths: Any, currents: Any, top: di
         plate, above, below = (pressure[k] for pressure in pressures)
         of_column.append(
             integrations.loads(
-                plate, filter_bath_concentration=baths[1][k], filter_bath_pressure=below, filter_current=-currents[k],
+                plate, filter_bath_concentration=baths[1][k], filter_bath_pressure=below,
                 piston_bath_concentration=baths[0][k], piston_bath_pressure=above,
+                **({"filter_current": None, "filter_potential": 0.0, "piston_potential": currents[k]}
+                   if top["electrical"] == "potential" else {"filter_current": -currents[k]}),
             )
         )  # fmt: skip
         loads: dict[str, Any] = {"top__pressure": plate, "bottom__bath_concentration": baths[1][k],
                                  "bottom__bath_pressure": below}  # fmt: skip
         loads |= {"top__bath_concentration": baths[0][k], "top__bath_pressure": above} if open_top else {}
         loads |= {"top__current": area * currents[k]} if top["electrical"] == "current" else {}
+        loads |= {"top__potential": currents[k]} if top["electrical"] == "potential" else {}
         of_block.append(phase(body, **loads))
     expected = integrations.integrate(column, make_protocol(of_column, [300.0] * 2), integrations.equal_steps(10))
     control = make_control(BACKWARD_EULER, 1e-12, fixed_steps=10, every=1)
@@ -178,8 +182,14 @@ def in_column(open_top: bool, pressures: Any, baths: Any, currents: Any, top: di
          {"electrical": "current"}),
         (False, ((0.1, 0.0), (0.0, 0.0), (0.01, 0.0)), ((BATH, BATH), (1e-4, BATH)), (1e-6, -5e-7),
          {"electrical": "current", "electrode": "cation"}),
+        (False, ((0.1, 0.0), (0.0, 0.0), (0.01, 0.0)), ((BATH, BATH), (1e-4, BATH)), (1e-6, -5e-7),
+         {"electrical": "current", "electrode": "anion"}),
+        (True, ((0.1, 0.0), (0.02, 0.0), (0.0, 0.0)), ((1e-4, 1e-4), (BATH, 2e-4)), (3.0, -2.0),
+         {"electrical": "potential"}),
     ],
-    ids=["floating", "insulating", "current", "cation-electrode"],
+    ids=[
+        "floating", "insulating", "current", "cation-electrode", "anion-electrode", "potential",
+    ],
 )  # fmt: skip
 def test_one_cell_wide_block_is_the_column(
     open_top: bool, pressures: Any, baths: Any, currents: Any, top: dict[str, Any]
