@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import xarray as xr
 
 from fvswell.case.acting_loads import acting_loads
 from fvswell.case.case import Case
 from fvswell.case.loads import Sine, shape_of
 from fvswell.physics.tissue import Array
 
-__all__ = ["Cycles", "cycles"]
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["Cycles", "cycles", "has_cycles"]
 
 _DRIVES = ("pressure", "force", "displacement")
 _FEWEST = 12  # outputs in a period that its harmonic can be taken from
@@ -33,6 +35,11 @@ class Cycles(NamedTuple):
     def dynamic_modulus(self) -> float:
         """Amplitude of the pressure over that of the strain, MPa."""
         return self.pressure / self.strain
+
+
+def has_cycles(case: Case) -> bool:
+    """Whether any load of a case is a sine."""
+    return any(isinstance(shape_of(load), Sine) for phase in case.phase for load in phase.loads().values())
 
 
 def cycles(case: Case, result: xr.Dataset) -> list[Cycles]:

@@ -308,7 +308,7 @@ def _simulate(
     resume: bool = False,
 ) -> Outcome:
     """Run a case into a file, with progress and a summary; of a run that had to stop as well."""
-    from fvswell.analysis.cycles import cycles
+    from fvswell.analysis.cycles import cycles, has_cycles
     from fvswell.compiled.kernels import report_compilation
     from fvswell.reporting.reports import cycle_lines, duration_line, effort_lines, phase_table
     from fvswell.results.layout import COMPLETE
@@ -335,7 +335,8 @@ def _simulate(
     console.lines("")
     console.table(phase_table(outcome.values, case))
     console.lines(*effort_lines(outcome.values), f"{time.perf_counter() - began:.1f} s, wrote {path}")
-    console.lines(*cycle_lines(cycles(case, outcome.dataset())))
+    if has_cycles(case):
+        console.lines(*cycle_lines(cycles(case, outcome.dataset())))
     if outcome.status != COMPLETE:
         raise SolverError(f"{case.source}: {outcome.status}\n{path}: holds the result until then, marked as partial")
     return outcome
